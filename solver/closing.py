@@ -66,34 +66,35 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Linear function for the step of the unsensed angles: ``du = -(closed + by_x dx + by_q e + down deflection)``.
+    """Linear function for the step of the unsensed angles: ``du = -(constant + by_x dx + by_q e + N_inverse d)``.
 
-    dx are steps of the parameters, e joint corrections, and deflection is the fixture's deflection (k components).
-    `closed` (m, U): ``N+ (c - J_q e0)``, with e0 the joint corrections at which the loops were linearised.
-    `by_x` (m, U, P): ``N+ C``. `by_q` (m, U, n): ``N+ J_q``. `down` (m, U, k): ``N+``. c, C, J_q, N: see the module.
+    dx are steps of P parameters, e corrections of n joints, and d deflections of the fixture (k closure components).
+    `constant` (m, U): ``N+ (c - J_q e0)``, with e0 the joint corrections at which the loops were linearised.
+    `by_x` (m, U, P): ``N+ C``. `by_q` (m, U, n): ``N+ J_q``. `N_inverse` (m, U, k): ``N+``, the left inverse of N.
+    The module's docstring defines c, C, J_q and N.
     """
 
-    closed: FloatArray
+    constant: FloatArray
     by_x: FloatArray
     by_q: FloatArray
-    down: FloatArray
+    N_inverse: FloatArray
 
     @classmethod
     def of(cls, error: LoopError, e: FloatArray) -> Rates:
         """Return the coefficients for loops with closure error `error`, linearised at joint corrections e (m, n)."""
-        down = left_inverse(error.jac_u)
+        N_inverse = left_inverse(error.jac_u)
         misclosure = error.residual[..., None] - error.jac_q @ e[..., None]
         return cls(
-            closed=(down @ misclosure)[..., 0],
-            by_x=down @ error.jac_x,
-            by_q=down @ error.jac_q,
-            down=down,
+            constant=(N_inverse @ misclosure)[..., 0],
+            by_x=N_inverse @ error.jac_x,
+            by_q=N_inverse @ error.jac_q,
+            N_inverse=N_inverse,
         )
 
     def unsensed_step(self, dx: FloatArray, e: FloatArray, deflection: FloatArray) -> FloatArray:
         """Change of the unsensed angles (m, U) for steps dx (P,), corrections e (m, n) and deflections (m, k)."""
-        displacement = self.closed + self.by_x @ dx + (self.by_q @ e[..., None])[..., 0]
-        return np.asarray(-displacement - (self.down @ deflection[..., None])[..., 0])
+        displacement = self.constant + self.by_x @ dx + (self.by_q @ e[..., None])[..., 0]
+        return np.asarray(-displacement - (self.N_inverse @ deflection[..., None])[..., 0])
 
 
 def reduced_equations(error: LoopError) -> ReducedEquations:

@@ -123,9 +123,9 @@ def choose_drives(
 ) -> DriveChoice:
     """Return the best usable drive set, with reasons.
 
-    A usable set can drive the chain at the current pose and over the reachable region. Without trials, the best is the
-    set with the highest score over this region; with trials, the tried set with the largest product of this score and
-    the measured one. Raises `SessionError` if no set is usable, or none of the tried sets moves the arm.
+    A usable set can drive the chain at the current pose and over the reachable region. Without trials, the best set has
+    the highest score over this region. With trials, the best of the tried sets has the highest product of this score
+    and the score of the trials. Raises `SessionError` if no set is usable, or none of the tried sets moves the arm.
     """
     usable = usable_sets(prediction, unsensed_joints)
     if not usable:
@@ -164,9 +164,9 @@ def best_or_named_drives(
     kind: str,
     unsensed_joints: tuple[int, ...],
 ) -> DriveChoice:
-    """Return `drives` as the choice or, if they are None, the best usable set as `choose_drives` does.
+    """Return the drive set that the procedure names or, if `drives` is None, the best usable set (`choose_drives`).
 
-    `kind`: of fixture. Raises `GuardError` for an unknown joint or a wrong number of joints.
+    `kind`: kind of the fixture, for error texts. Raises `GuardError` for an unknown joint or a wrong number of joints.
     """
     if drives is None:
         return choose_drives(prediction, unsensed_joints=unsensed_joints)

@@ -34,13 +34,14 @@ GROWTH = 1.02
 class LiveQuality:
     """Quality of a growing set of poses.
 
-    `needed`: smallest number of poses from which parameters can be estimated.
+    `numbers`: numbers of the poses. `needed`: smallest number of poses from which parameters can be estimated.
     `x` (P,): latest estimate, rad or m; nominal values before the first estimate.
-    `scaled_condition_number`: for the captured poses; inf if there are too few for an estimate.
-    `weakest`: parameters that the captured poses determine least; () if there are too few for an estimate.
+    `estimated`: whether the latest estimate converged and the poses determined all parameters.
+    `scaled_condition_number`, `weakest`: at the latest estimate, scaled condition number and the parameters that the
+    poses determined least; inf and () before the first estimate.
     `history`: number of poses and scaled condition number at each estimate, oldest first.
     `coverage`: lowest and highest captured angle of each joint, rad; empty without poses.
-    `predicted_m`: position closure error, m, by pose number; calculated with the last estimate before the pose.
+    `predicted_m`: position closure error, m, by pose number, calculated with the last estimate made before this pose.
     """
 
     needed: int
@@ -62,7 +63,7 @@ def live_quality(
     *,
     earlier: LiveQuality | None = None,
 ) -> LiveQuality:
-    """Return the quality of the poses `q_rad` (m, n) numbered `numbers`; extends `earlier` if it has the first ones."""
+    """Return the quality of the poses `q_rad` (m, n); continues from `earlier` if this is that of the first poses."""
     if earlier is not None and earlier.numbers == numbers[: len(earlier.numbers)]:
         quality = earlier
     else:
@@ -128,7 +129,7 @@ class Forecast:
 
     `q_rad` (w, n): joint angles at each waypoint, or as far on the way to it as the chain can be followed.
     `reachable` (w,): whether, at each waypoint, the loop closes with every joint inside its range.
-    `scaled_condition_number`: for the first reachable poses, as many as planned; inf if a parameter is undetermined.
+    `scaled_condition_number`: of the first reachable poses, as many as planned; inf if a parameter is undetermined.
     """
 
     q_rad: FloatArray

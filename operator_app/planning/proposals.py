@@ -109,10 +109,11 @@ def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[Float
 
 
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
-    """Return how far (m,) the least mobile joint of each of m closed chains can move in a self-motion of norm 1.
+    """Return how well (m,) the least mobile joint of each of m closed chains can move, from 0 (not at all) to 1.
 
-    `columns` (m, k, d): Jacobians of the loops, a column for each angle. Only the first `joints` angles (default: all)
-    are considered. The result is multiplied by smallest / largest singular value, a factor small near singularities.
+    The measure is the joint's largest motion in a self-motion of norm 1, multiplied by the ratio of the smallest to the
+    largest singular value of the Jacobian. This ratio is small near a singularity. `columns` (m, k, d): Jacobians, with
+    k rows and a column for each of d angles. Only the first `joints` angles (default: all) are considered.
     """
     rows, freedoms = columns.shape[1:]
     if freedoms <= rows:
@@ -125,7 +126,7 @@ def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
 def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
     """Return the tool's Jacobians (m, 6, n + 1) at `q` (m, n), with respect to the n joints and a hinge on the tool.
 
-    The hinge passes through the tool point; `axis` (3,) is its direction in the tool frame.
+    The hinge passes through the tool point, along `axis` (3,) of the tool frame. Lengths are divided by the arm's size.
     """
     frames = arm.table.frames(q)
     z, at = frames.axes[:, :-1, :, 2], frames.origins_m[:, :-1]

@@ -52,7 +52,7 @@ def require_closed_chain(fixture: EndpointConstraint) -> None:
 
 
 def without_hidden(arm: ArmModel, fixture: EndpointConstraint, model: ClosureModel) -> ClosureModel:
-    """Return `model` with those unknowns fixed at nominal values that poses cannot distinguish from the placement."""
+    """Return `model` in which unknowns that poses cannot distinguish from the placement are fixed at nominal values."""
     part, *_ = model.parts()[0]
     nominal = nominal_vector(part.parameters)
     checks = fixture.placement_checks(arm, part, nominal)
@@ -84,7 +84,7 @@ def planning_task(
     variance[blind] = UNSENSED_SIGMA_RAD**2
 
     def errors_at(q_rad: FloatArray) -> ErrorModel:
-        """Return the errors that the files state for poses at `q_rad` (m, n), each the mean of `samples` readings."""
+        """Return the errors that the files state for m poses; `q_rad` (m, n) are means of `samples` readings."""
         m = len(q_rad)
         poses = PoseSet(
             placement=np.ones(m, dtype=np.int64),

@@ -41,20 +41,17 @@ class Joint:
 class ArmModel:
     """A serial arm of n revolute joints.
 
-    `name`: model name, e.g. ``sarcos_dextrous``.
+    `name`: model name, e.g. ``sarcos_dextrous``. `joints`: joints 1..n.
     `table`: nominal D-H rows 1..n (`links` == n). Entries that a fixture determines (s_1, a_n, s_n, alpha_n) may have
     any value here: the fixture's nominal placement replaces them.
-    `joints`: joints 1..n.
     `free`: entries of `table` that calibration identifies by default, in addition to the fixture's unknowns.
-    `home_rad`: pose the arm starts from, sensor coordinates, shape (n,).
+    `home_rad` (n,): pose the arm starts from, sensor coordinates.
     `length_tolerance_m`, `twist_tolerance_rad` (n,): standard deviation of s and a, and of alpha and beta, in each row
     of the maker's table, for entries that are fixed instead of identified. 0 means exact.
     `offset_tolerance_rad`: standard uncertainty of the nominal offsets; None if it is not known.
-    `down`: unit vector along gravity in frame 0, the arm's base.
-    `masses`: masses of the links; None if they are not stated.
+    `down`: unit vector along gravity in frame 0, the arm's base. `masses`: masses of the links; None if not stated.
     `hayati_rows`: rows that join parallel axes: they have beta_j in place of s_j, because s_j is not unique for them.
-    `assumed`: default values of the error model, each as ``key: value``, that are used because the arm's file states
-    none.
+    `assumed`: default values of the error model that are used because the file states none, each as ``key: value``.
     """
 
     name: str

@@ -73,8 +73,7 @@ class Frames:
 
     `axes_of`: (links + 1, 3, 3, ...): the axes x, y and z of every frame, then the three components of each axis.
     `origin_of`: (links + 1, 3, ...): origins, m.
-    `normal_of`: (links + 1, 3, ...): axis of a_j and alpha_j, which is x_j before the rotation by beta_j; None if no
-    link has a beta.
+    `normal_of`: (links + 1, 3, ...): axis of a_j and alpha_j (x_j before the rotation by beta_j); None without a beta.
     """
 
     axes_of: FloatArray
@@ -166,11 +165,10 @@ is an angle."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """C entries of a D-H table as axes: an entry turns all later links about its axis, or shifts them along its axis.
+    """Axes of C entries of a D-H table, about which (angles) or along which (lengths) the entries move later links.
 
-    `frame` (C,): index of the frame to which the entry's axis belongs.
-    `axis` (C,): index of the axis in this frame: 0 for x, 1 for y, 2 for z.
-    `turning`, `sliding`: indices of the entries that are angles, and of those that are lengths.
+    `frame`, `axis` (C,): index of the frame to which each axis belongs, and of the axis in this frame (0 for x, 1 for
+    y, 2 for z). `turning`, `sliding`: indices of the entries that are angles, and of those that are lengths.
     """
 
     frame: IntArray
@@ -204,9 +202,8 @@ def screws(frames: Frames, entries: Entries) -> FloatArray:
 
     Each motion is a screw: the last frame's infinitesimal rotation (rad), then the translation (m) of its origin p_e.
 
-    theta_j: (z_{j-1}, z_{j-1} x (p_e - p_{j-1})); s_j: (0, z_{j-1}); a_j: (0, x_j);
-    alpha_j: (x_j, x_j x (p_e - p_j)); beta_j: (y_j, y_j x (p_e - p_j)). For a_j and alpha_j, x_j is the axis before
-    the rotation by beta_j.
+    theta_j: (z_{j-1}, z_{j-1} x (p_e - p_{j-1})); s_j: (0, z_{j-1}); a_j: (0, x_j); alpha_j: (x_j, x_j x (p_e - p_j));
+    beta_j: (y_j, y_j x (p_e - p_j)). For a_j and alpha_j, x_j is the axis before the rotation by beta_j.
     """
     p, turning, sliding = frames.origin_of, entries.turning, entries.sliding
     axis = frames.axes_of[entries.frame, entries.axis]

@@ -15,13 +15,11 @@ from solver.arrays import BoolArray, FloatArray, IntArray, frozen, select_poses
 class PoseSet:
     """Measured poses of an arm of n joints, in the order in which they were taken.
 
-    `placement`: number (from 1) of the fixture placement to which each pose belongs, shape (m,).
-    `label`: name of each pose, unique within its placement, length m.
+    `placement` (m,): number (from 1) of each pose's placement. `label`: name of each pose, unique in its placement.
     `q_rad`: sensor angles as read, rad, continuous and never wrapped, shape (m, n).
     `sd_rad`: standard deviation of the samples at each pose, shape (m, n), rad; None if not recorded.
     `samples`: number of samples averaged at each pose, shape (m,); None if not recorded.
-    `endpoint`: measured endpoint: x, y, z (m), shape (m, 3), or also a rotation vector (rad), shape (m, 6). None
-    without an instrument.
+    `endpoint`: measured x, y, z (m), shape (m, 3), or also a rotation vector (rad), (m, 6); None without an instrument.
     `utc`, `notes`: time and operator's note of each pose, "" if a pose has none, length m; None if no pose has one.
     """
 

@@ -123,7 +123,7 @@ deviation is."""
 
 
 def _power_series() -> FloatArray:
-    """Return the coefficients of 1, x, ..., x^10 (11 rows) in each of P2..P10 (9 columns) times its prior weight."""
+    """Return P2..P10 times `SHAPE_WEIGHTS` (9 columns) as coefficients of the powers 1, x, ..., x^10 (11 rows)."""
     powers = np.zeros((len(SHAPE_WEIGHTS) + LOWEST, len(SHAPE_WEIGHTS)))
     for k, weight in enumerate(SHAPE_WEIGHTS):
         series = np.polynomial.legendre.leg2poly(np.eye(k + LOWEST + 1)[k + LOWEST])
@@ -194,6 +194,6 @@ def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
 
 
 def rms_per_amplitude() -> float:
-    """Return the expected rms, from x = -1 to 1, of the sum of P2..P10 with coefficients ~ N(0, weight^2)."""
+    """Return the expected rms (over -1 <= x <= 1) of a sum of the weighted P2..P10 with coefficients ~ N(0, 1)."""
     degrees = np.arange(LOWEST, LOWEST + len(SHAPE_WEIGHTS))
     return float(np.sqrt((np.array(SHAPE_WEIGHTS) ** 2 / (2.0 * degrees + 1.0)).sum()))

@@ -31,7 +31,7 @@ class GoTo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capture:
-    """Wait for standstill and measure a pose."""
+    """Wait for standstill, then measure a pose. `planned`: whether the pose belongs to the plan, not to exploration."""
 
     planned: bool
 
@@ -93,7 +93,7 @@ def moves_along(
 ) -> list[GoTo | ChangeDrives]:
     """Return the moves and drive changes along `route`, for an arm whose drive joints are now `drives`.
 
-    `goal`: name of the last pose, for the reasons shown to the operator. `of`: text added to it in reasons of moves.
+    `goal`: name of the last pose, for the operator. `of`: text after this name in reasons of moves, e.g. " of 12".
     """
     moves: list[GoTo | ChangeDrives] = []
     for leg in route:

@@ -51,13 +51,11 @@ class Campaign:
     """Policy of a campaign. Repeat: call `propose`, carry out the action, report it with `observe` or `captured`.
 
     `task`: planning task with drive sets, the first of which is in position mode now.
-    `start_rad` (n,): readings at the start.
+    `start_rad`, `at_rad` (n,): readings at the start and at the arm's present pose (by default `start_rad`).
     `poses`: number of planned poses, in addition to those of the exploration.
     `requested`: requested standard deviations (rad, m) by parameter name; None: no request.
     `captured` (m, n): readings at poses of an earlier campaign on the same loop that are still valid. If they suffice
-    for a trusted estimate, there is no exploration.
-    `taken`: number of planned poses among `captured`.
-    `at_rad` (n,): readings at the arm's present pose; by default `start_rad`.
+    for a trusted estimate, there is no exploration. `taken`: number of planned poses among `captured`.
     `exploring` (attribute): true until the first plan is made or the campaign ends.
     """
 

@@ -172,7 +172,7 @@ class _Search:
             chosen.append(best)
 
     def exchange(self, M: FloatArray, chosen: list[int]) -> None:
-        """Exchange poses in `chosen` for better candidates while there are any; update their information `M` (N, N)."""
+        """Exchange poses in `chosen` for better candidates until there are none; update the information `M` (N, N)."""
         for _ in range(MAX_SWEEPS):
             changed = False
             for k, old in enumerate(chosen):
@@ -225,13 +225,13 @@ def pose_information(
     errors: ErrorModel,
     variances: Mapping[str, float] | None = None,
 ) -> PoseInformation:
-    """Return the information of m poses about the parameters of `model` and the effects.
+    """Return the information of m poses about the parameters of `model` and the effects (nuisance parameters).
 
-    A parameter for which `errors` states a tolerance counts as an effect, so P of the parameters remain.
+    A parameter for which `errors` states a tolerance or a prior counts as an effect, not as a parameter.
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
     `x`: values of all parameters. `q` (m, n): readings of captured or planned poses. `closed_q` (m, n), `closed_u`
-    (m, U): nearest poses that close with `x`. `variances`: variances of the components of `errors`, by name; by default
-    the start values that `errors` states.
+    (m, U): joint angles and unsensed angles, rad, of the nearest poses at which the loop closes. `variances`: variance
+    components of `errors` by name; by default their start values.
     """
     design = LinearModel(model, q, errors)
     equations = Linearisation(

@@ -30,13 +30,12 @@ class RankedDrives:
     Over a region, leverage, conditioning and ratios are medians over the poses that the set reaches.
 
     `drives`: joints (1-based) to be put into position mode.
-    `score`: value by which sets are ranked, in [0, 1].
+    `score`: value by which sets are ranked, in [0, 1]; 0 for a set that is not usable.
     `leverage`: how well the drives determine all motion, from 0 at a singularity to 1 (see `ChainMotion.leverage`).
     `passive_conditioning`: smallest singular value of the passive joints' closure Jacobian; None if ranked by trials.
     `fastest_passive`, `fastest_joint`: largest ratio of a passive joint's speed to the drives', and which joint has it.
-    `still`: passive joints that hardly move.
     `reach`: share of the region's poses that can be reached from pose 0; None for a ranking at one pose.
-    `reasons`: reasons for the rank, as text, the most important first.
+    `still`: passive joints that hardly move. `reasons`: reasons for the rank, as text, the most important first.
     """
 
     drives: tuple[int, ...]
@@ -76,10 +75,9 @@ def rank_over_region(manifold: Manifold) -> tuple[RankedDrives, ...]:
 class DriveTrial:
     """Measured trial motions of one drive set.
 
-    `drives`: joints (1-based) in position mode.
+    `drives`: joints (1-based) in position mode. `stopped`: why the trial ended early, as text; "" if it did not.
     `commanded_rad` (w, d): commanded displacement of the d drives in each of w trial motions; this matrix has rank d.
     `moved_rad` (w, n): measured displacement of every joint in each trial motion.
-    `stopped`: why the trial ended early, as text; empty if it did not end early.
     """
 
     drives: tuple[int, ...]
@@ -128,7 +126,11 @@ def _verdict(
     reach: float | None = None,
     stopped: str = "",
 ) -> RankedDrives:
-    """Return the drive set with its score and reasons; `rates` (n,): ratio of each joint's motion to the drives'."""
+    """Return the set `drives` with its score and reasons.
+
+    `rates` (n,): motion of each joint, divided by the motion of the drives. `conditioning`: value for the field
+    `passive_conditioning`. `stopped`: why a trial ended early, or "". `leverage`, `reach`: see `RankedDrives`.
+    """
     rates = np.where(np.isin(np.arange(1, len(rates) + 1), drives), 0.0, rates)
     passive = [j for j in range(1, len(rates) + 1) if j not in drives]
     still = tuple(j for j in passive if rates[j - 1] < 0.05)

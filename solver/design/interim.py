@@ -77,8 +77,8 @@ def implicit_interim(
 def _with_fixture_variance(noise: NoiseModel, estimate: Estimate, used: NoiseModel) -> NoiseModel:
     """Return `noise` with the fixture variance that would explain the closure errors of `estimate`.
 
-    `estimate` was made with the noise `used`. The result has the fixture variance of `used` times chi2/dof or, if
-    `used` has no fixture variance, the mean squares of the closure errors.
+    `used`: noise model of this estimate. If `used` has a fixture variance, the result has this variance times chi2/dof.
+    Otherwise the result has the mean squares of the rotation and position errors as fixture variance.
     """
     if used.fixture_variance is not None:
         scale = estimate.chi2_per_dof or 1.0

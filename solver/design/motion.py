@@ -123,10 +123,9 @@ LOST_RAD = 0.25
 class DriveTraces:
     """Predicted motion of the chain in b straight moves of the drives; each move is sampled at s + 1 points.
 
-    `q` (b, s + 1, n): angles of all arm joints, rad.
+    `q` (b, s + 1, n): angles of all arm joints, rad. `closed` (b,): whether the chain could be followed to the end.
     `leverage` (b,): least leverage of the drive joints on the way (see `ChainMotion.leverage`).
     `rate` (b,): largest ratio of any arm joint's motion to the motion of the drive joint that moves most.
-    `closed` (b,): whether the chain could be followed to the end of the move.
     """
 
     q: FloatArray

@@ -174,7 +174,7 @@ class PathGraph:
         return tuple(legs)
 
     def _leg(self, ranges: Ranges, layer: int, poses: list[int]) -> Leg | None:
-        """Join `poses` by few safe straight moves; if none from a pose is safe, remove the next edge, return None."""
+        """Return long safe straight moves along `poses`; where none is safe, remove the next edge and return None."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

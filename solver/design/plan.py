@@ -47,7 +47,7 @@ MOST_UNCERTAIN_RAD = float(np.deg2rad(3.0))
 class PlanningTask:
     """Inputs that are the same for every plan.
 
-    `model`: the loop with all joints sensed.
+    `model`: the loop with all joints sensed. `candidates`: number of poses to choose from.
     `margin_rad`: least distance of planned poses and paths from the ends of the ranges, scalar or (n,).
     `noise`: noise of a pose's readings, with one variance for each joint, (n,).
     `errors_at`: function that returns the error model for readings (m, n), the same as in the final calibration.
@@ -57,7 +57,6 @@ class PlanningTask:
     `drive_sets`: sets of drive joints to plan with, beginning with the set in use. None: only the best of all sets.
     `pose_leverage`: least leverage of the drives at a planned pose. It is larger than along a path, because the weight
     of the free joints must not deflect the fixture there.
-    `candidates`: number of poses to choose from.
     """
 
     model: ClosureModel
@@ -79,10 +78,9 @@ class PlanningTask:
 class PosePlan:
     """Poses to visit, and what the next plan needs.
 
-    `manifold`: its m poses are the candidates.
+    `manifold`: its m poses are the candidates. `visits`: indices of the chosen candidates in visiting order.
     `information`: information of each candidate about the parameters. `graph`: paths between candidates.
     `allowed` (m,): whether a candidate can be reached, is predicted reliably, and gives the drives enough leverage.
-    `visits`: indices of the chosen candidates in visiting order.
     `ranked`: drive sets ranked over all candidates, best first; empty if `PlanningTask.drive_sets` states the sets.
     `predicted_sigma` (P,): standard deviations predicted from all captured and chosen poses; inf if undetermined.
     `design`: identifiability of the parameters from the chosen poses alone, with the paper's Jacobian.

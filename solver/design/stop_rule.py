@@ -76,9 +76,9 @@ def stop_decision(
 ) -> StopDecision:
     """Decide whether to stop, from the information so far (N, N) and the requested standard deviations.
 
-    `candidates`: information of the candidate poses; same unknowns as `information`. `requested`: requested standard
-    deviations by name, rad and m; other parameters are not checked; an unknown name raises `ValueError`. `poses_left`:
-    number of poses that may still be taken. `allowed` (m,): candidates that can be reached.
+    `candidates`: information of m candidate poses about the same N unknowns. `requested`: requested standard deviation,
+    rad or m, of each parameter to be checked, by name. `poses_left`: number of poses that may still be taken. `allowed`
+    (m,): whether each candidate can be reached. Raises `ValueError` if `requested` has an unknown name.
     """
     if unknown := sorted(set(requested) - set(candidates.parameters)):
         raise ValueError(f"no parameter {', '.join(unknown)} in this calibration")
@@ -128,10 +128,12 @@ def _forecast(
     goal: FloatArray,
     poses_left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Return the standard deviations of the unknowns with indices `columns` after more poses, and the number of poses.
+    """Return standard deviations after more poses, and the number of these poses.
 
-    Poses are added until each standard deviation is within its `goal`. If `poses_left` poses are not enough, the number
-    is None. Each pose is the one that most reduces the variance of the parameter farthest above its goal.
+    The standard deviations are those of the unknowns with the indices `columns`. Poses are added until all standard
+    deviations are within `goal`. If `poses_left` poses are not enough, the number is None. Each added pose is the
+    candidate that most reduces the variance of the parameter farthest above its goal. `root` (m, r, N):
+    `PoseInformation.root` of the candidates. `P`: number of parameters, which are the first of the N unknowns.
     """
     M = information.copy()
     if len(root) == 0:

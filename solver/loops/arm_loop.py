@@ -69,7 +69,7 @@ class ArmLoop(ClosureModel):
         object.__setattr__(self, "parameters", tuple(parameters))
 
     def _own_nominal(self) -> FloatArray:
-        """Return nominal values (O,) of the unknowns that an endpoint of this class can have, in the order of `OWN`."""
+        """Return the nominal values (O,) of all O unknowns in `OWN`, in this order."""
         return np.zeros(0)
 
     @property
@@ -160,17 +160,17 @@ class ArmLoop(ClosureModel):
         return replace(self, entries=self.entries + new)
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points (n + 2, 3), m, at `q` (n,): origins of frames 0..n, then the fixture's point; and an axis of zeros."""
+        """Return points (n + 2, 3), m, at angles `q` (n,): origins of frames 0..n, ball or target. The axis is zero."""
         frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_joints))))
         tip = self.OWN.index("tip_x")
         point = frames.p_end + frames.R_end[0] @ self.own_values(x)[0, tip : tip + 3]
         return np.concatenate((frames.origins_m[0], point)), np.zeros(3)
 
     def columns(self, frames: Frames, lever_m: FloatArray | None = None) -> FloatArray:
-        """Return the Jacobian (..., 6, E + links) of the chain's end for its E unknown entries, then all links' angles.
+        """Return the Jacobian (..., 6, E + links) of the chain's end for E unknown D-H entries, then all links' angles.
 
-        A column is a small rotation w (rad), then the translation v_end (m), in the chain's first frame. With `lever_m`
-        (..., 3), the translation is that of the point at this vector from the chain's end: ``v_end + w x lever``.
+        A column is a small rotation w (rad), then the translation v of the end (m), in the chain's first frame. With
+        `lever_m` (..., 3), the vector from the end to a point, v is replaced by this point's ``v + w x lever``.
         """
         J = jacobian(frames, self._moved)
         if lever_m is not None:
@@ -180,7 +180,11 @@ class ArmLoop(ClosureModel):
     def loop_error(
         self, residual: FloatArray, J: FloatArray, jac_own: FloatArray | None = None
     ) -> LoopError:
-        """Return the loop error. `J` has the columns of `columns`; `jac_own` (..., k, O) has one for each of `OWN`."""
+        """Return the loop error for the k closure components `residual` (..., k).
+
+        `J` (..., k, E + links): their derivatives with respect to E unknown D-H entries, then the angles of all links.
+        `jac_own` (..., k, O): their derivatives with respect to the O unknowns in `OWN`.
+        """
         split = len(self.entries)
         jac_x, jac_theta = J[..., :split], J[..., split:]
         jac_q = jac_theta[..., 1 - self.FIRST_LINK :]

@@ -28,8 +28,7 @@ Which = IntArray | slice
 class LoopError:
     """Closure error of every pose, with the unsensed angles as explicit variables.
 
-    `residual`: c (..., m, k): rotation vector (rad), then position (m), of the end point in the fixture's frame; zero
-    if the loop closes.
+    `residual`: c (..., m, k): rotation vector (rad), then position (m), of the end in the fixture's frame; 0 if closed.
     `jac_x` (..., m, k, P), `jac_q` (..., m, k, n), `jac_u` (..., m, k, U): exact derivatives of c with respect to the
     parameters (the paper's C = dc/dphi), the joint angles and the unsensed angles.
     """

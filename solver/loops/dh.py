@@ -60,9 +60,9 @@ class DhLoop(ArmLoop):
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Return the closure error in frame -1 with the hinge angle eliminated (paper, eqs. 10 to 13).
 
-        The two rotation components are the swing that carries z_-1 onto z_n. To first order they equal
-        ``dx = -R23``, ``dy = R13`` of eq. 12. If the tool is upside down (the flipped branch), dx and dy are zero as
-        well, but the swing is not, so such a pose does not count as closed. Raises `ValueError` if arm joints are
+        The two rotation components are the swing, the shortest rotation that carries z_-1 onto z_n. To first order they
+        equal ``dx = -R23``, ``dy = R13`` of eq. 12. If the tool is upside down (the flipped branch), dx and dy are zero
+        as well, but the swing is not, so such a pose does not count as closed. Raises `ValueError` if arm joints are
         unsensed, because eqs. 10-13 eliminate the hinge only.
         """
         if not self.hinge or self.unsensed_joints:
@@ -95,18 +95,19 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the axes (m, 3, 3), in frame -1, of the halves on the table (turned by theta_0) and on the tool."""
+        """Return axes (m, 3, 3), in frame -1, of the fixture's table half, which theta_0 turns, and its tool half."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])
         return table, hand
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """Up to eight equivalent parameter vectors of a hinge loop; for a rigid loop only `x` itself.
+        """Return up to eight equivalent parameter vectors of a hinge loop; for a rigid loop only `x` itself.
 
-        They combine three changes: (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi); the same for
-        (a_n, alpha_n, theta_off_n); reversal of the hinge axis, (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi,
-        alpha_n - pi). A change is used only if all its entries, except offsets of unsensed joints, are unknowns.
+        Each vector combines some of three changes. First, a_0 and alpha_0 change sign and theta_off_1 grows by pi.
+        Second, a_n and alpha_n change sign and theta_off_n grows by pi. Third, the hinge axis is reversed: s_0 changes
+        sign, alpha_0 grows by pi and alpha_n shrinks by pi. A change is used only if all its entries, except offsets of
+        unsensed joints, are unknowns.
         """
         candidates = [np.asarray(x, dtype=np.float64)]
         if self.hinge:
@@ -131,7 +132,7 @@ class DhLoop(ArmLoop):
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknown entries that locate the fixture on the tool: any of link n, including theta_off_n."""
+        """Names of the unknown entries of link n, including theta_off_n, which locate the fixture on the tool."""
         return tuple(e.name for e in self.entries if e.row == self.joint_count)
 
     @property
@@ -169,16 +170,16 @@ class DhLoop(ArmLoop):
 def _swing(
     n: ComplexArray, nz: FloatArray, w: ComplexArray, wz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return the swing (...), rad, and its change for each of C small rotations, (C, ...).
+    """Return the swing (...), rad, which turns z onto a unit vector, and the changes of the swing (C, ...), rad.
 
-    The swing is the rotation vector in the xy plane that turns z onto a unit vector. Vectors in this plane are complex
-    numbers, x + iy. `n`, `nz` (...): components of the unit vector, x + iy and z. `w`, `wz` (C, ...): the same
-    components of the small rotations, rad, about axes of the fixed frame.
+    The swing is a rotation vector in the xy plane. Vectors in this plane are written as complex numbers x + iy.
+    `n`, `nz` (...): the unit vector, as x + iy and z. `w`, `wz` (C, ...): C small rotations of the unit vector, rad, as
+    x + iy and z in the fixed frame. Each of these rotations causes a change of the swing.
 
     The swing is ``i f n``, where f is the angle between z and the unit vector, divided by the sine of this angle. A
-    small rotation w changes n by ``dn = i (w_z n - n_z w)``, and so
+    small rotation changes n by ``dn = i (wz n - nz w)``. With n* the complex conjugate of n, the swing changes by
 
-        d(i f n) = f (n_z w - w_z n) + i g Im(n* w) n,   g = 1 + n_z (n_z - f) / sine^2.
+        d(i f n) = f (nz w - wz n) + i g Im(n* w) n,   g = 1 + nz (nz - f) / sine^2.
     """
     sine = np.abs(n)
     # Below this the quotients lose digits and their series are exact to double precision.

@@ -32,8 +32,7 @@ class Line:
 def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, float]:
     """Return the D-H entries of links 0, 1 and n, by name, that make two lines coincide; alphas are in [0, pi].
 
-    If a line is parallel to the neighbouring joint axis, their common normal is not unique. Then the normal through
-    `point_m` of the line is used.
+    If a line is parallel to the neighbouring joint axis, the common normal through `point_m` of the line is used.
     `ground`: the line fixed in the table, in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
     `hand`: the line fixed in the tool, in the frame that has the origin of frame n-1 and the rotation
     ``R_1 .. R_{n-1} Rz(theta_n)``, where the angle theta_n of joint n does not include theta_off_n.
@@ -65,8 +64,8 @@ def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, floa
 def constrained_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, float]:
     """Return the D-H entries of links 0, 1 and n, by name, of a rigid loop with s_n = a_n = alpha_n = 0.
 
-    `R`, `p_m`: constant rotation and origin of the tool frame for theta_off_n = 0, in the base frame turned and shifted
-    so that theta_off_1 and s_1 are zero.
+    `R` (3, 3), `p_m` (3,): rotation and origin, the same at all poses, of a tool frame calculated with theta_off_n = 0.
+    Both are given in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
     """
     hand = Line(point_m=np.zeros(3), direction=np.array([0.0, 0.0, 1.0]))
     entries = constrained_axis_entries(Line(point_m=p_m, direction=R[:, 2]), hand, n)

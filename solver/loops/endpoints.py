@@ -77,7 +77,7 @@ class PointClosure(ArmLoop):
     def constraint_entries(
         self, ground: Line, hand: Line, rotation: FloatArray
     ) -> dict[str, float]:
-        """Return tip_x .. ground_z, m, from the points of `hand` and `ground`; entries of links 1 and n are nominal."""
+        """Return tip_x .. ground_z, m, from the points of `hand` and `ground` and the nominal D-H rows 1 and n."""
         off, s, a, alpha, _ = self.table.stacked()
         across = rotation_about_z(-off[-1]) @ hand.point_m - [a[-1], 0.0, s[-1]]
         tip = rotation_about_x(-alpha[-1]) @ across
@@ -203,9 +203,9 @@ class MeasuredClosure(ArmLoop):
         return select_poses(self, poses, "endpoint_m", "endpoint_rotation")
 
     def fixture_axis(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return the measured position of the target, m, in the arm's base frame; None unless there is one pose.
+        """Return the measured position of the target, m, in the arm's base frame, and zeros, as a target has no axis.
 
-        A target has no axis: the second array is zero.
+        The result is None unless exactly one pose was measured.
         """
         if self.endpoint_m is None or len(self.endpoint_m) != 1:
             return None

@@ -33,9 +33,8 @@ MAX_COMBINATIONS = 4096
 class Placements(ClosureModel):
     """The loops of all placements as a single `ClosureModel`, which knows the placement of each pose.
 
-    `numbers`: the operator's numbers of the placements, ascending.
+    `numbers`: the operator's numbers of the placements, ascending. `placement` (m,): number of each pose's placement.
     `models`: loop of each placement. All loops have the same arm and the same kind of fixture.
-    `placement`: number of the placement to which each pose belongs, (m,).
     `same_hand`: whether the fixture's half on the tool is the same in all placements.
     `parameters`: shared unknowns first, then each placement's own unknowns, with the placement's number in the name.
     """
@@ -125,10 +124,10 @@ class Placements(ClosureModel):
         return np.take(np.concatenate(arrays, axis=axis), back_to_caller(order), axis=axis)
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """Equivalent parameter vectors of all loops together (E, P).
+        """Return the equivalent parameter vectors of all loops together (E, P).
 
-        Each combines one equivalent vector of every placement; these have the same shared unknowns. If there are more
-        than `MAX_COMBINATIONS`, only combinations that differ from the first one in a single placement are listed.
+        Each combines one equivalent vector of every placement, all with the same values of shared unknowns. If there
+        are more than `MAX_COMBINATIONS`, only vectors that differ from the first in a single placement are listed.
         """
         x = np.asarray(x, dtype=np.float64)
         shared = self._shared

@@ -71,8 +71,8 @@ class GlobalStart:
     """Result of a search from `starts` starts.
 
     `minima`: distinct solutions, the best first; solutions with poses on the flipped branch come last. `set_aside`:
-    indices of poses left out of the search because the tool was upside down on the hinge; the indices in
-    `LocalMinimum.flipped` do not count these poses.
+    indices of poses left out of the search because the tool was upside down on the hinge. The indices in
+    `LocalMinimum.flipped` refer to the remaining poses.
     """
 
     minima: tuple[LocalMinimum, ...]

@@ -48,7 +48,7 @@ SAME_MINIMUM = 0.02
 
 
 BatchProblem = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Function from unknowns (S, K) to residuals (S, R) and Jacobian (S, R, K)."""
+"""Function from K unknowns of S starts, (S, K), to R residuals of each start, (S, R), and their Jacobian (S, R, K)."""
 
 FIRST_DAMPING = 1e-2
 EASIER, HARDER = 0.2, 5.0
@@ -177,7 +177,7 @@ class InnerProblem:
     per_m: float
 
     def __call__(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return residuals (S, R) and their Jacobian (S, R, K) at `offsets` (S, K), with the fixture projected out."""
+        """Return R residuals (S, R) and Jacobian (S, R, K) for S rows of K offsets, without the fixture's unknowns."""
         frames = self._frames(offsets)
         M, p = frames.R_end, frames.p_end
         before = [j - 1 for j in self.searched]
@@ -244,7 +244,10 @@ class InnerProblem:
     def _projected(
         self, M: FloatArray, M_c: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Fit the module's h, t (S, 3) to M (S, m, 3, 3), p (S, m, 3); rigid: h = z, t = 0. `M_c`: M minus its mean."""
+        """Return the best-fitting h and t of the module's equations, (S, 3) each; z and 0 for a rigid fixture.
+
+        `M` (S, m, 3, 3), `p` (S, m, 3): M_i and p_i at m poses, for S starts. `M_c`: M minus its mean over the poses.
+        """
         count = len(M)
         if self.model.constrained_part is ConstrainedPart.FRAME:
             return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))

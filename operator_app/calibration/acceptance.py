@@ -146,7 +146,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return the chi2/dof that remains with the best causes fitted; without such causes, that of the stated model."""
+    """Return chi2/dof of the fit with the best causes added, or without any cause if none is credible."""
     last = diagnosis.rankings[-1].best if diagnosis.rankings else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -191,8 +191,8 @@ def little_motion(
 ) -> tuple[Finding, ...]:
     """Return the finding that poses differ too little to determine some parameters; empty if all sigmas are small.
 
-    The finding names each parameter of `estimate` whose standard deviation is large, or exceeds the one that a file
-    states (`known`, by name). It blocks if a value is too uncertain for any use.
+    The finding names each parameter of `estimate` whose sigma is large. A sigma larger than the one that a file states
+    (`known`, by name) counts as large. The finding blocks if a value is too uncertain for any use.
     `fit`: fit that shows which error source should be reduced; None if there is none.
     """
     wide, coarse, refuses = [], [], False
@@ -270,10 +270,10 @@ def return_tests(
 def proven_by_return(
     since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """Return the causes that repeated poses prove, all of which block, and the remaining causes in `by_tests`.
+    """Return the causes that repeated poses prove, and the remaining causes in `by_tests`. All proven causes block.
 
-    `since`: causes from repeated poses; those that block are proven. `by_tests`: causes from tests of the fit. A cause
-    in both is taken from `by_tests`. It blocks even if smaller than the sigmas, because the slip has widened these.
+    `since`: causes from repeated poses (proven if they block). `by_tests`: causes from tests of the fit. A proven cause
+    that is also in `by_tests` is taken from there. It blocks even if small, because the fault has widened the sigmas.
     """
     proven: list[Finding] = []
     for returned in (c for c in since if c.blocking):
@@ -292,8 +292,8 @@ SLIP_KINDS = frozenset(
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """Return the causes in `since` (from repeated poses) that no cause in `by_tests` (from tests of the fit) confirms.
 
-    Only a slip confirms a movement of the fixture; a compliant fixture does not. Only an error of the same joint's
-    sensor or reading confirms a step of a joint's reading; a wrong length does not.
+    A movement of the fixture is confirmed by a slip of fixture, instrument or target, but not by compliance. A step of
+    a joint's reading is confirmed by any error of this joint's sensor or reading, but not by a wrong length.
     """
     slipped = any(cause.kind in SLIP_KINDS for cause in by_tests)
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}

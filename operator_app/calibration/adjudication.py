@@ -137,7 +137,7 @@ def adjudicate(
     of_paper, off_paper = (
         acceptance.paper_test(solution.estimate, calibrated.estimate) if by_paper else ((), ())
     )
-    of_fit = _fit_causes(case, without_motion=bool(lost) or case.gross or diverged)
+    of_fit = _fit_causes(case, without_sigmas=bool(lost) or case.gross or diverged)
     if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(case.stated), *of_fit)
     if alternatives:
@@ -231,7 +231,7 @@ def _misfit_causes(
 def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple[Finding, ...]:
     """Return findings of measured socket distances that may be wrong; empty if there are none.
 
-    Distances may be wrong if, without them, chi2 is at most `margin` larger than with the most probable fault fitted.
+    The fit without these distances has a chi2 at most `margin` above that of the fit with the most probable fault.
     `again`: if needed, solve the loops without the distances; otherwise, only the linear fit is used.
     """
     if again and (case.gross or not case.fit.estimate.converged):
@@ -262,10 +262,10 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
     return far
 
 
-def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
+def _fit_causes(case: _Case, *, without_sigmas: bool) -> tuple[Finding, ...]:
     """Return the causes that the fit itself shows: it has not converged, or sigmas are large.
 
-    `without_motion`: leave out large sigmas. Sigmas are computed as if the parameters `Solution.by_files` were exact.
+    `without_sigmas`: do not check the sigmas. In this check, the parameters `Solution.by_files` count as exact.
     """
     estimate = case.solution.estimate.given(case.solution.by_files)
     open_end = Finding(
@@ -280,7 +280,7 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
     }
     identified = estimate.without(case.solution.tolerated)
     wide = acceptance.little_motion(identified, stated_by_fixture, case.fit)
-    return (*(() if estimate.converged else (open_end,)), *(() if without_motion else wide))
+    return (*(() if estimate.converged else (open_end,)), *(() if without_sigmas else wide))
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:

@@ -62,7 +62,7 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
     """Fit the loops of an alternative; return its parameters (P,), as start values, and the mean square error.
 
-    The error is that of the closure or, if joints are unsensed, the necessary correction of the readings (rad^2).
+    The latter is the mean square closure error or, with unsensed joints, the mean square correction of readings, rad^2.
     """
     if alternative.unsensed:
         fit = without_readings(alternative)
@@ -99,8 +99,8 @@ def is_near(alternative: Experiment) -> bool:
 def closes(alternative: Experiment, *, far: float) -> bool:
     """Whether the loops close much better in the fixture of `alternative` than in the fixture that the file states.
 
-    `far`: mean square closure error in the file's fixture, rotations included. It is a few times the error in the other
-    fixture if the file is right, and about 100 times if the tool tilts in a fixture stated as rigid.
+    `far`: mean square closure error in the file's fixture, rotations included. The ratio of `far` to the error of
+    `alternative` is a few if the file is right, and about 100 if the tool tilts in a fixture stated as rigid.
     """
     cost = cost_of(alternative)
     return (
@@ -239,7 +239,7 @@ def _ball_instead(stated: Experiment) -> Alternative:
 
 
 def _rows(frames: Frames) -> FloatArray:
-    """Return the rows (3 m, 6) of [R, -1], with R the rotation of the last frame at each of m poses."""
+    """Return the matrix (3 m, 6) that maps a tool vector and a base vector to their difference at m poses."""
     R = frames.R_end
     return np.concatenate((R, -np.broadcast_to(np.eye(3), R.shape)), axis=-1).reshape(-1, 6)
 

@@ -168,11 +168,11 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
 def wrong_distances(
     stated: Experiment, fit: LinearFit, *, most_chi2: float, again: bool = True
 ) -> tuple[Finding, ...]:
-    """Return findings of wrong measured socket distances; empty if the poses do not fit without them either.
+    """Return findings of wrong measured socket distances; empty if leaving out distances does not make the poses fit.
 
-    The distances that deviate most are left out one after the other, until chi2 passes its test and is at most
-    `most_chi2` (at the variances of `fit.at_known_noise`). `again`: if the linear `fit` does not pass, also solve the
-    loops without the distances and test this solution, since effects of large errors are not linear.
+    The distances that deviate most are left out one by one until the rest fits: chi2 passes its test at the stated
+    variances, and is at most `most_chi2` at the variances of `fit.at_known_noise`. `again`: if the linear `fit` does
+    not pass, solve the loops without these distances, because effects of large errors are not linear.
     """
     fit_stated = fit.stated
     known = compared(stated, fit_stated)
@@ -241,7 +241,7 @@ def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Find
 
 
 def _weight(ratio: float, dof_left: int, dof: int) -> float:
-    """Return the log weight of an alternative with chi2/dof `ratio` and `dof_left` dof; the stated model has `dof`."""
+    """Return the log weight of an alternative of chi2/dof `ratio` and dof `dof_left`. `dof`: the stated model's dof."""
     fits = -0.5 * dof * np.log(max(ratio, limits.SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - dof_left))
 
@@ -327,9 +327,9 @@ def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:
 
 
 def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
-    """Return the finding of a joint whose zero is a quarter or half turn off; empty if there is none.
+    """Return the finding of a joint whose zero is a quarter or half turn off; empty if there is no such joint.
 
-    There is one if an offset in `estimate` is off by roughly such a turn, and the poses fit once it is corrected.
+    The joint's offset in `estimate` is roughly this turn from nominal, and the poses fit once the turn is corrected.
     """
     names, nominal = [p.name for p in estimate.parameters], nominal_vector(estimate.parameters)
     changes = dict(
@@ -382,10 +382,10 @@ def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
-    """Return the finding of a step in one joint's readings, with chi2/dof and dof after correction of the step.
+    """Find a step in one joint's readings; list its finding, and chi2/dof and dof after correction of the step.
 
-    `blind`: experiment that ignores the readings of the joint to be tested and of the joints `unsensed`. The list is
-    empty if there is no step, or if `blind` does not ignore exactly one joint besides `unsensed`.
+    `blind`: experiment that ignores the readings of the tested joint and of the joints `unsensed`. The list is empty if
+    there is no step. It is also empty if `blind` ignores none or several joints in addition to `unsensed`.
     """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:

@@ -267,7 +267,7 @@ def assess(
 def collect(prepared: Prepared, whole: Calibrated, part: Calibrated) -> Solution:
     """Return the results of the chosen estimator, without tests, verdict and notices.
 
-    `whole`: implicit fit of the distinct poses. `part`: the same estimate with a linear fit of fewer poses.
+    `whole`: implicit fit of the distinct poses. `part`: the same fit, but its linear fit is made from fewer poses.
     """
     loops, experiment, by_paper = prepared.loops, prepared.experiment, prepared.by_paper
     arm, fixture, poses, q = experiment.arm, experiment.fixture, experiment.poses, loops.q
@@ -322,9 +322,9 @@ def _identifiability(prepared: Prepared, x: FloatArray) -> Identifiability:
 
 
 def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Identifiability:
-    """Return `identified`; if parameters are unidentifiable, raise an error with the directions or their cause.
+    """Return `identified`, or raise an error that names the unidentifiable directions or the cause.
 
-    The implicit estimator accepts a direction if the arm's file states the uncertainty of a parameter in it.
+    The implicit estimator accepts a direction if the arm's file states the uncertainty of one of its parameters.
     """
     experiment, loops, model = prepared.experiment, prepared.loops, prepared.hard
     known = frozenset[str]() if prepared.by_paper else prepared.prior

@@ -65,11 +65,11 @@ class CalibratedArm:
         if frame == "tip":
             return self.best.table
         # Entries of the last link that the fixture determines are not the arm's own.
-        return _with_last_link(self.best.rows, self.flange.stacked(), than=self.hand.stacked())
+        return _with_last_link(self.best.rows, self.flange.stacked(), reference=self.hand.stacked())
 
     @property
     def table_tip_m(self) -> FloatArray:
-        """The tip in the last frame of ``table("tip")``, (3,), m."""
+        """Position of the tip (3,), m, in the last frame of the D-H rows that ``table("tip")`` returns."""
         return self.tip_m if self.best is None else self.best.tip_m
 
     def T_base(
@@ -101,7 +101,7 @@ class CalibratedArm:
         return tip, np.sqrt(spread_along(rates, self._covariance))
 
     def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
-        """Return the part (m,), m, of the tip's standard deviation that `names` cause; parts add in quadrature."""
+        """Return the part of the tip's sigma, metres at m poses, due to parameters `names`; parts add in quadrature."""
         known = [k for k, name in enumerate(self.free) if name in names]
         if not known:
             return np.zeros(len(q_rad))
@@ -110,10 +110,10 @@ class CalibratedArm:
         return np.sqrt(spread_along(self._rates(q_rad, self.free)[1], part))
 
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
-        """Return the displacement (m,) of the tip at m poses, in metres per rad of error of `joint`'s fixed offset.
+        """Return how far an error of a joint's fixed offset displaces the tip at m poses (m,), in metres per rad.
 
-        `rates`: by name, the change of each fitted parameter per rad of this error. If each placement has its own
-        parameter, that of the last placement counts. `q_rad` (m, n): readings of the poses.
+        `rates`: change of each fitted parameter per rad of this error, by name. Of a parameter with one value for each
+        placement, the last placement's rate is used. `q_rad` (m, n): readings of the poses.
         """
         plain = {name.partition("[")[0]: rate for name, rate in rates.items()}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
@@ -214,7 +214,7 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
     covariance[np.ix_(known, known)] = estimate.covariance[np.ix_(rows, rows)]
     flange = with_entries(arm.table, {n: x[n] for n in own})
     # The fixture's entries of the last link, identified or not, are added to the calibrated rows.
-    held = _with_last_link(flange.stacked(), part.arm_rows(), than=arm.table.stacked())
+    held = _with_last_link(flange.stacked(), part.arm_rows(), reference=arm.table.stacked())
     return CalibratedArm(
         flange=flange,
         hand=with_entries(held, {n: x[n] for n in entries}),
@@ -323,9 +323,9 @@ def closure_in_use(
     )
 
 
-def _with_last_link(rows: FloatArray, other: FloatArray, *, than: FloatArray) -> DhTable:
-    """Return the table `rows` (5, n). Last-link entries in which `other` and `than` differ are taken from `other`."""
-    rows, differ = rows.copy(), other[:, -1] != than[:, -1]
+def _with_last_link(rows: FloatArray, other: FloatArray, *, reference: FloatArray) -> DhTable:
+    """Return the table `rows` (5, n), with last-link entries from `other` where `other` and `reference` differ."""
+    rows, differ = rows.copy(), other[:, -1] != reference[:, -1]
     rows[differ, -1] = other[differ, -1]
     return DhTable.from_stacked(rows)
 

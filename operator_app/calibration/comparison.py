@@ -1,9 +1,9 @@
 """Comparison of two calibrations of one arm: changes of parameters, and which of them exceed noise.
 
-Up to eight parameter vectors describe the same hinge loop. Of those equivalent to the second document's vector, the one
-nearest to the first document's is compared. A difference counts as drift if it is too large for the standard deviations
-of both documents, at a level corrected for the number of free parameters (Bonferroni). The arm's lengths and
-twists are not in this number: their sigma is mostly the tolerance. Two estimates from the same poses never show drift.
+Up to eight parameter vectors describe the same hinge loop. So the second document's vector is first replaced by the
+equivalent vector nearest to the first document's. A difference counts as drift if it is too large for the sigmas of
+both documents, at a level corrected for the number of parameters (Bonferroni). The arm's lengths and twists are not
+counted, because their sigma is mostly the tolerance. Two estimates from the same poses never show drift.
 """
 
 import math
@@ -51,7 +51,7 @@ class Side(Enum):
 class ParameterChange:
     """One parameter in two calibrations, SI units.
 
-    `before`: value in the first calibration. `after`: of equivalent values in the second, the one nearest to `before`.
+    `before`: value in the first calibration. `after`: value in the second, or the equivalent value nearest to `before`.
     `change`: after minus before, for angles at most half a turn. `sigma`: standard deviation of the change.
     `significant`: whether the change exceeds noise at the level of the comparison. It is false for two estimates from
     the same poses, because both contain the same noise.
@@ -213,8 +213,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop that a document describes.
 
-    The first or last joint counts as unsensed if its offset was not identified. If it counted as sensed, `equivalents`
-    would omit the vectors with opposite signs of a and alpha in the adjacent link, which change this offset by pi.
+    The first or last joint counts as unsensed if its offset was not identified. With opposite signs of a and alpha in
+    the adjacent link, the offset changes by pi, so `DhLoop.equivalents` omits such vectors if the joint is sensed.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}
@@ -228,7 +228,7 @@ def _loop(document: ParametersDocument) -> DhLoop:
 
 
 def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, float]:
-    """Return the identified entries of `b` (rad, m), by name: of all values for the same loop, those nearest to `a`."""
+    """Return the identified entries of `b` (rad, m), by name, as the equivalent values nearest to those in `a`."""
     loop = _loop(b)
     rows_a, rows_b = a.table.stacked(), b.table.stacked()
     x = np.array([rows_b[e.kind, e.row] for e in loop.entries])

@@ -201,7 +201,7 @@ def _moves_rad(arm: ArmModel) -> FloatArray:
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
-    """Return indices of the distinct `kept` poses, and for each kept pose the position of its equal in this list.
+    """Return indices of the distinct poses among the `kept` ones, and each kept pose's position in these indices.
 
     Poses of one placement with exactly equal readings and endpoints count as one: repeated rows add no information.
     """

@@ -158,8 +158,8 @@ def identifiable_loops(
 def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estimate | None]:
     """Find the poses on the hinge's main branch, which is the branch with most poses; `q`: readings (m, n), rad.
 
-    Returns a mask (m,) of these poses, and the paper's estimate from them, as if all joints were sensed. The estimate
-    is None if the poses are too few, or if it places a pose on another branch than was assumed for it.
+    Returns a mask (m,) of these poses, and the paper's estimate from these poses, as if all joints were sensed. The
+    estimate is None if the poses are too few, or if some poses change branch at the estimated parameters.
     The branches are first separated at the nominal parameters: even inaccurate values show whether a tool is upside
     down, while a fit to both branches would lie between them.
     """

@@ -89,9 +89,9 @@ def turned_unread(
 ) -> tuple[int, float] | None:
     """Return the joint that turned although its reading did not change, and its turn (rad); None if none did.
 
-    First, the loop is closed at `before_rad`. The correction of the readings that closes it is added to `after_rad`
-    too, so that placement errors cancel. Then the loop is closed at `after_rad`: once with all `still` joints fixed,
-    then with each of them free in turn. A joint has turned if freeing it makes the correction much smaller.
+    First, the loop is closed at `before_rad`. The same correction of the readings is added to `after_rad`, so that
+    placement errors cancel. Then the loop is closed at `after_rad`, with all `still` joints fixed, and again with each
+    single `still` joint free. A joint has turned if with this joint free the other corrections are much smaller.
 
     `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
     did not change.

@@ -51,11 +51,11 @@ class PastVerification:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EntryHistory:
-    """History of the entries that describe one part (`side`), from calibrations with one fixture and one estimator.
+    """History of the entries that describe one part, from calibrations with one fixture and one estimator.
 
-    `side`: the part: arm, fixture on the table or fixture on the tool. `calibrations`: the calibrations, oldest first.
-    `values` (sessions, entries): rad and m; of equivalent values, those nearest to the first session's.
-    `sigma`, `within`: standard uncertainty of `values`, and its type A part, in the same shape and units.
+    `side`: the part, i.e. arm, fixture on the table or fixture on the tool. `calibrations`: oldest first.
+    `values` (sessions, entries), rad and m: in each session, the equivalent values nearest to the first session's.
+    `sigma` (sessions, entries): standard uncertainty of `values`. `within` (sessions, entries): type A part of `sigma`.
     `chart`: control limits of each session, and the shifts of entries in the order in which they were detected.
     `smallest`: smallest shift of each entry that three more sessions detect in 90 % of cases; NaN with few sessions.
     """
@@ -183,8 +183,8 @@ def _due(
 ) -> tuple[datetime, str]:
     """Return when and why the next calibration is due.
 
-    It is due on the date of a failed verification after the last calibration; otherwise on that of the last
-    calibration, if this detected a shift; otherwise an interval later.
+    If a verification failed since the last calibration, the verification's date is returned. If the last calibration
+    detected a shift, its date is returned. Otherwise, the date is one interval after the last calibration.
     """
     last = accepted[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:

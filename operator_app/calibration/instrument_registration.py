@@ -185,10 +185,11 @@ def placed_by_poses(
 def _fitted(
     p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Measured
 ) -> tuple[FloatArray, ...]:
-    """Return R_base and base, the arm's base in the instrument's frame, and tip, the target in the flange's frame.
+    """Fit ``base + R_base (p + R tip)`` to `measured` points (m, 3), m; return R_base (3, 3), base (3,) and tip (3,).
 
-    They fit ``base + R_base (p + R tip)`` to `measured` (m, 3), m; `p` (m, 3), `R` (m, 3, 3): flange in the base frame.
-    If R_base is unknown, Gauss-Newton starts from all 24 rotations of a cube. A weak prior keeps tip near nominal.
+    R_base and base locate the arm's base in the instrument's frame; tip is the target's position in the flange's frame.
+    `p` (m, 3) and `R` (m, 3, 3) locate the flange in the base frame. If R_base is unknown, Gauss-Newton starts from all
+    24 rotations of a cube. A weak prior keeps tip near nominal.
     """
     from scipy.spatial.transform import Rotation
 

@@ -204,10 +204,10 @@ def has_diverged(
     *,
     anywhere: Collection[str] = (),
 ) -> bool:
-    """Whether the solution has diverged: a cause of a gross misfit blocks, and the values are implausible or useless.
+    """Whether blocking `causes` made the solution diverge: a value is far from nominal, or too uncertain for any use.
 
-    That is, a parameter is far from nominal, or too uncertain for any use. `scale`: chi2/dof at stated variances.
-    `identified`: estimate of the identified parameters. `anywhere`: names of parameters that may have any value.
+    `scale`: chi2/dof at stated variances, which must be too large unless another solution is the cause. `identified`:
+    estimate of the identified parameters. `anywhere`: names of parameters that may be far from nominal.
     """
     # A local optimum counts as diverged even if it fits well.
     if not any(

@@ -41,7 +41,7 @@ def require_in_range(arm: ArmModel, new: PoseSet, solution: Solution) -> None:
 def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
     """Whether poses in a placement that was not calibrated (another socket or station) can test a calibration.
 
-    They can with a ball, or an instrument whose station no file fixes, if the ball or target stays on the tool.
+    The fixture must be a ball, or an instrument whose station no file fixes. Ball or target must stay on the tool.
     """
     moves = fixture.kind == "ball" or (isinstance(fixture, Measured) and not fixture.base_known)
     return moves and fixture.stays_on_hand

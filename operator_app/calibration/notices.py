@@ -99,7 +99,7 @@ def with_notices(
 def _of_readings(
     experiment: Experiment, known: PriorInformation, stated: LinearFit, *, sound: bool
 ) -> Iterator[Finding]:
-    """Yield notices on readings and set-up; `stated`: fit at stated variances; `sound`: solution has not diverged."""
+    """Yield notices on readings and set-up. `stated`: fit at stated variances. `sound`: solution has not diverged."""
     fixture, poses = experiment.fixture, experiment.poses
     if stated.dof > 0 and chi2_probability(stated.dof, stated.chi2) < CHI2_NOTICE_PROBABILITY:
         yield Finding(K.CHI2_EXCEEDS, size=stated.chi2 / stated.dof)

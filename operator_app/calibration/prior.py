@@ -42,7 +42,7 @@ class KnownArm:
     """Information about the arm from poses in earlier placements of a fixture.
 
     `names`: the k entries that are the same in every placement. `values` (k,) and `covariance` (k, k): rad and m.
-    `ends`: mean over earlier placements, rad, of each offset that is measured from the fixture, by name.
+    `ends`: offsets (rad, by name) that are measured from the fixture, averaged over the earlier placements.
     `placement_ratio`: rms deviation of earlier placements from the nominal one, divided by the standard deviation that
     the fixture's tolerance implies; at least 1.
     """
@@ -182,7 +182,7 @@ class Innovation:
     shifts: Mapping[int, ShiftOfReading]
 
     def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
-        """Return the joints whose reading can shift by `shift_rad` and raise chi2 by less than `chi2`, on average."""
+        """Return the joints for which a shift `shift_rad` of the reading raises chi2 on average by less than `chi2`."""
         return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
 
 

@@ -135,7 +135,7 @@ def compare_readings(
 
 
 def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
-    """Return the gain in log-likelihood if the fixture slipped, and the most likely slip (k,) in its k directions.
+    """Fit a slip of the fixture; return the gain in log-likelihood, and the k components of the most likely slip (k,).
 
     `d` (r,): difference of two readings, whitened to unit variance. `columns` (r, k): change of `d` per unit slip.
     """

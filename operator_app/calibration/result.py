@@ -44,16 +44,15 @@ class Solution:
     uncertainty budget of every parameter.
     `outliers`: labels of poses whose readings do not fit the others, the worst first; the calibration still uses them.
     `rvdt`: verdict on each RVDT, from a fit in which its joint was taken as unsensed.
-    `reasons`: reasons why the calibration is not accepted; empty if it is accepted.
-    `adjudication`: all tests, and the causes that they support.
+    `reasons`: reasons against acceptance; may be empty. `adjudication`: all tests, and the causes that they support.
     `assumed`: values of the error model for which defaults were used, because no file states them.
     `hand`: tool position uncertainty at the poses of the calibration.
     `accuracy`: tool position error before and after calibration over the joints' ranges.
     `condition_at_readings`: scaled condition number at the readings, as in the paper; None with unsensed joints.
     `implicit`: estimate of the implicit estimator, if the paper's estimator was chosen.
-    `best`: best D-H table for uncorrected readings, with sigmas; None with the paper's estimator or unsensed joints.
-    `corrections`: corrections that a controller may add to the readings. They and the next two are None if `best` is.
-    `with_best_table`: closure sigmas with `best`.
+    `best`: best D-H table for uncorrected readings, with sigmas. With the paper's estimator or unsensed joints, `best`,
+    `corrections`, `with_best_table` and `with_corrections` are None.
+    `corrections`: corrections that a controller may add to the readings. `with_best_table`: closure sigmas with `best`.
     `with_corrections`: closure sigmas with the identified entries, at readings to which `corrections` are added.
     `shares`: share of each parameter's information that comes from the poses, by name.
     `unsensed_offsets`: offsets, by joint, of joints whose readings were not used.

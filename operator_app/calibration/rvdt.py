@@ -51,7 +51,7 @@ def check_rvdts(
 ) -> tuple[RvdtVerdict, ...]:
     """Test the noise of every RVDT and, if there is a single placement, its readings against the loops.
 
-    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings. The fit without them starts from it.
+    `calibrated`: fit of the `distinct` poses (k,) with the RVDTs' readings; start of the fit without these readings.
     """
     arm, poses = experiment.arm, experiment.poses
     sensors = {
@@ -158,8 +158,8 @@ class ReadingTable:
 
     `joint`: 1-based. `theta_off_rad`: offset to be used with corrected readings.
     `gain`: change of reading per change of angle, ideally 1. Its error is already part of the corrections.
-    `reading_rad` (k,): readings in rising order. `add_rad` (k,): correction to add at each of them; between them, it is
-    interpolated linearly. `sigma_rad` (k,): standard uncertainty of each correction.
+    `reading_rad` (k,): readings in rising order. `add_rad` (k,): correction to be added at each reading, interpolated
+    linearly between readings. `sigma_rad` (k,): standard uncertainty of each correction.
     """
 
     joint: int

@@ -58,8 +58,7 @@ class MeasuredOffset:
 class HandAccuracy:
     """Tool position error before and after a calibration, over the joints' ranges.
 
-    `before`: distance between the tool positions from the arm file and from the calibration, in the arm's base frame;
-    the fixture's placement does not matter.
+    `before`: distance between the tool positions from arm file and calibration in the arm's base frame.
     `after`: standard deviation of the remaining error, from the covariance of the parameters.
     `poses`: number of poses, evenly spread over all joints' ranges.
     `holds_for`: fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
@@ -79,7 +78,7 @@ class HandAccuracy:
 class TrueErrors:
     """True errors of a calibration, which are known only for a simulated arm.
 
-    `inside_95`: number of entries, out of `of`, whose 95 % interval contains the true value.
+    `inside_95`: number of entries whose 95 % interval contains the true value. `of`: number of all entries.
     `tool_rms_m`: true tool position error, rms over the joints' ranges.
     `predicted_rms_m`: this error as predicted from the covariance of the parameters.
     """
@@ -100,7 +99,7 @@ def spread_of(distances_m: FloatArray) -> Spread:
 
 
 def spread_along(J: FloatArray, C: FloatArray) -> FloatArray:
-    """Return the variance ``trace(J C J')`` (m,), from derivatives J (m, 3, P) by parameters of covariance C (P, P)."""
+    """Return a point's variance ``trace(J C J')`` at m poses, from derivatives J (m, 3, P) and covariance C (P, P)."""
     # One product for all poses is faster than many small ones.
     rows = J.reshape(-1, len(C))
     return np.asarray(np.maximum(((rows @ C) * rows).reshape(len(J), -1).sum(-1), 0.0))

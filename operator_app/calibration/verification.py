@@ -79,15 +79,15 @@ class VerificationResult:
     """Result of a verification with new poses.
 
     `nominal`: closure sigmas of the same poses at the nominal parameters, for comparison.
-    `odd_poses`: rows of outliers, i.e. of poses that deviate too much to be due to chance, the worst first. If rows
-    repeat an outlier, only the first is listed. Without any fault, 1 in 1000 pose sets has an outlier.
+    `odd_poses`: rows of the outliers, the worst first. An outlier deviates too much to be due to chance. If several
+    rows repeat an outlier, only the first row is listed. Without any fault, 1 in 1000 pose sets has an outlier.
     `poses`: number of distinct poses.
+    `stated`: chi2 test in which no variance is below the stated one. The upper limit is multiplied by the larger of
+    `STATED_VARIANCE_FACTOR` and the chi2/dof of the accepted calibration.
     `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
     `instrument`: whether an instrument measured the endpoints of the open arm, instead of a fixture.
-    `stated`: chi2 test with at least the stated variances. Its upper limit is multiplied by `STATED_VARIANCE_FACTOR`
-    or, if this is larger, by the chi2/dof of the accepted calibration.
-    `in_use`: closure sigmas of the same poses with the best table and with the corrections.
     `others_fit`: whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
+    `in_use`: closure sigmas of the same poses with the best table and with the corrections.
     """
 
     verification: HeldOutPoses
@@ -167,11 +167,11 @@ def verify_poses(
 ) -> VerificationResult:
     """Test new poses of the same arm in the same fixture: in one calibrated placement, or in all of them.
 
-    Effects of linearity deviation, sag and compliance are predicted from the calibration's own poses, `made_from` (with
-    flipped poses). The test looks for one shift common to all new poses. Rows that repeat a pose count once.
-    `elsewhere`: the new poses may be in other placements. These are then estimated from the new poses, with all other
-    parameters fixed. Raises `ValueError` if the calibration is of another loop (another fixture, or another number of
-    placements), and `NoTestError` if the new poses only suffice to locate their own socket or station.
+    `made_from`: the calibration's poses, flipped ones included. They predict linearity deviation, sag and compliance.
+    The test also looks for one shift common to all new poses. Rows that repeat a pose count once.
+    `elsewhere`: the new poses may be in other placements, estimated from these poses with all other parameters fixed.
+    Raises `ValueError` if the calibration has another fixture or another number of placements. Raises `NoTestError` if
+    the new poses only suffice to locate their own socket or station.
     """
     rows = averaged_at_rest(arm, poses)
     distinct, which = distinct_poses(rows, np.ones(len(rows), dtype=np.bool_))
@@ -249,16 +249,16 @@ def _verify_distinct(
 def _with_prediction(
     result: VerificationResult,
     residuals: WhitenedResiduals,
-    sharp: Chi2Test,
+    learned: Chi2Test,
     subjects: Mapping[str, FloatArray],
     *,
     scale: float,
 ) -> VerificationResult:
     """Return `result` with tests of the new poses against their prediction from the calibration's poses.
 
-    `residuals`, `sharp`, `subjects`: the three results of `predict_new_poses`.
-    `scale`: factor, at least 1, by which the accepted calibration's variances exceed the stated ones. The test of each
-    pose allows for this factor; the test of all poses together allows for at least `STATED_VARIANCE_FACTOR`.
+    `residuals`, `learned`, `subjects`: residuals, chi2 test and derivatives that `predict_new_poses` returns.
+    `scale`: ratio (at least 1) of the accepted calibration's variances to the stated ones. Single poses are tested with
+    this ratio, all poses together with the larger of this ratio and `STATED_VARIANCE_FACTOR`.
     """
     variance_factor = max(limits.STATED_VARIANCE_FACTOR, scale)
     stated = chi2_test(residuals.chi2, residuals.dof)
@@ -277,9 +277,9 @@ def _with_prediction(
         verification=replace(
             result.verification,
             chi2=replace(
-                sharp,
-                low=sharp.low / limits.LEARNED_VARIANCE_FACTOR,
-                high=sharp.high * limits.LEARNED_VARIANCE_FACTOR,
+                learned,
+                low=learned.low / limits.LEARNED_VARIANCE_FACTOR,
+                high=learned.high * limits.LEARNED_VARIANCE_FACTOR,
             ),
             pose_chi2=chi2,
             pose_probability=chi2_probability(np.maximum(dof, 1), chi2 / scale),
@@ -322,7 +322,10 @@ def _fixed_and_unknown(
     poses: PoseSet,
     calibrated: tuple[int, ...],
 ) -> tuple[Fixed, tuple[str, ...]]:
-    """Return `fixed` with names as in `model`, and the names of the parameters that locate uncalibrated placements."""
+    """Return `fixed` with the parameter names of `model`, and the names of the unknowns of uncalibrated placements.
+
+    `ground_side`: names of the parameters of a placement. `calibrated`: numbers of the calibrated placements.
+    """
     known, sources, unknown = list(fixed.values), dict[str, str](), list[str]()
     for p in model.parameters:
         base, _, number = p.name.rstrip("]").partition("[")

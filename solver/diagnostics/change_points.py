@@ -55,8 +55,8 @@ def steps(
     """Return the most significant step of each suspect, in order of significance.
 
     `residuals`: whitened residuals of the fit, poses in time order.
-    `low_noise`: residuals whitened with smaller noise, in which steps by lost counts are searched for.
-    `scale`: ratio of actual variances to those of the fit; chi2 is divided by this ratio.
+    `low_noise`: residuals whitened with smaller noise, used for steps by lost counts.
+    `scale`: ratio of the actual variances to the variances of the fit. Chi2 is divided by this ratio.
     """
     m = len(residuals.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:
@@ -79,7 +79,7 @@ def _largest(
 ) -> Iterator[ChangePoint]:
     """Yield the most significant step of each suspect; all suspects have the same number d of columns.
 
-    `scale`: ratio of actual to assumed variances. `level`: false-alarm probability per unit of `false_alarm_share`.
+    `scale`: ratio of actual to assumed variances. `level`: false-alarm probability if `false_alarm_share` is 1.
     """
     m, r, K = residuals.U.shape
     S, d = len(suspects), suspects[0].columns.shape[-1]
@@ -126,13 +126,14 @@ def _sums_from_each_pose(values: FloatArray) -> FloatArray:
 def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
     """Return the value that the largest chi2 over all poses exceeds by chance with probability `false_alarm`.
 
-    At each pose, chi2 is the square of a standardised Brownian bridge in d = `dof` dimensions. At least a share h of
-    the poses lies before the step, and as many after it. The maximum has the tail (Csorgo & Horvath 1997, eq. 1.3.26)
+    At each pose, chi2 is the square of a standardised Brownian bridge in d = `dof` dimensions. A step has at least the
+    share h = `STEP_EDGE_POSES` / `poses` of the poses before it, and at least the same share after it. The maximum of
+    chi2 has the tail (Csorgo & Horvath 1997, eq. 1.3.26)
 
         P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
-        T = log((1-h)^2 / h^2).
+        where T = log((1-h)^2 / h^2).
 
-    The formula also counts maxima between two poses, which are more than half of all; `AT_POSES` corrects for these.
+    More than half of the maxima that the formula counts are between two poses. `AT_POSES` corrects for such maxima.
     """
     from scipy.special import chdtri, gammaln
 

@@ -5,9 +5,10 @@ process by a check standard: within- and between-session standard deviations).
 
 As there is no long history, the limits follow from the scatter within a baseline of earlier sessions. The baseline
 omits the last `RECENT` sessions if enough others remain, so that it does not contain a recent shift. Few sessions
-determine a variance poorly. So each quantity's observed variance is averaged with an expected variance: the stated one
-times the ratio of observed to stated variances over all quantities, with the weight of `PRIOR_DOF` degrees of freedom
-(Smyth 2004, "moderated t"). The EWMA gets nearly all of the false-alarm probability, as outliers affect averages less.
+determine a variance poorly. So each quantity's observed variance is averaged with an expected one, which has the weight
+of `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). This expected variance is the stated one times the ratio
+of observed to stated variances over all quantities. The EWMA gets nearly all of the false-alarm probability, as
+outliers affect averages less.
 """
 
 from collections.abc import Sequence
@@ -60,8 +61,7 @@ class ChartSignal:
 class ControlChart:
     """Control limits and detected shifts. The arrays are (sessions, quantities), and NaN where nothing was tested.
 
-    `centre`: mean of the baseline.
-    `between`: standard deviation between sessions, as estimated from the baseline.
+    `centre`: mean of the baseline. `between`: standard deviation between sessions, as estimated from the baseline.
     `shewhart`: half width of the limits for a single value. `ewma_limit`: half width of the limits for `ewma`.
     `ewma`: weighted mean of recent values.
     `changes`: shifts in the order in which they were detected; each shift starts a new baseline of its quantity.
@@ -144,7 +144,7 @@ def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> Float
 def _variances(
     values: FloatArray, within: FloatArray, begin: IntArray, ends: IntArray, tested: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the variances of the quantities j in `tested` between sessions ``begin[j]:ends[j]``, and their dof."""
+    """Return the variance of each quantity j in `tested` over the sessions ``begin[j]:ends[j]``, and its dof."""
     columns = [(slice(int(begin[j]), int(ends[j])), j) for j in tested.tolist()]
     own = np.array([values[column].var(ddof=1) for column in columns])
     # A value stated to repeat exactly still scatters by rounding.

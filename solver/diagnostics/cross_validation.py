@@ -1,4 +1,4 @@
-"""Tests poses against predictions from other poses: parts of a pose set, or new poses and the shifts they share.
+"""Tests poses (a part of a set, or new poses) against predictions from other poses; finds shifts common to new poses.
 
 The fitted and the new poses form one mixed model. The fitted poses determine the parameters and the errors common to
 all poses (of sensors, sag and compliance). This estimate, with its covariance, is the prior for the new poses.
@@ -182,8 +182,8 @@ def predicted_residuals(
 ) -> WhitenedResiduals:
     """Return the residuals of the `later` poses (mask (m,)) against their prediction from the other poses of `fit`.
 
-    `given`: estimate that replaces the other poses. It consists of the values (h,) of the h parameters without a prior,
-    relative to the linearisation point, and of their covariance (h, h).
+    `given`: values (h,) and covariance (h, h) of the h parameters without a prior, used for the prediction instead of
+    the other poses. The values are relative to the linearisation point.
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)
@@ -227,8 +227,8 @@ def shifted(
 ) -> CommonShift | None:
     """Return the most significant shift common to all poses; None if no shift is significant.
 
-    `subjects`: by name of a joint or half of the fixture, derivatives (m, r, c) of the misclosures with respect to the
-    c components of its shift. `variance_factor`: factor by which actual variances may exceed those of `residuals`.
+    `subjects`: for each joint or half of the fixture, by name, derivatives (m, r, c) of the r misclosures of m poses by
+    the c components of a shift. `variance_factor`: largest ratio of actual variances to those of `residuals`.
     """
     shifts = []
     for name, columns in subjects.items():

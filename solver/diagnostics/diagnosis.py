@@ -136,12 +136,12 @@ def diagnose(
 def _residual_tests(
     faults: FaultModels, residuals: WhitenedResiduals, low_noise: WhitenedResiduals
 ) -> tuple[Outliers, list[HypothesisTest]]:
-    """Search `residuals`, whitened by the noise of the fit, for outliers and steps.
+    """Search for outliers and steps in `residuals`, which are whitened by the noise of the fit.
 
-    Steps of one joint's reading are searched for in `low_noise`, which is whitened with motion noise as small as the
-    poses show. All other steps change the geometry. Deflections that the model describes badly look like such steps,
-    which are therefore searched for in `residuals`. The noise is not scaled down if the residuals are small, because
-    one sensor may exceed its specification while most errors are smaller than stated.
+    Steps of a joint's reading are searched for in `low_noise`, which is whitened by less motion noise if the poses show
+    less. Steps of the geometry are searched for in `residuals`, because badly modelled deflections look like steps of
+    the geometry. The noise is not scaled down if the residuals are small, because one sensor may exceed its
+    specification while most errors are smaller than stated.
     """
     outliers = find_outliers(residuals)
     worst = steps(residuals, faults.changes(), low_noise=low_noise)[:1]

@@ -67,15 +67,15 @@ class Candidate:
     `subject`: the joint, arm file entry or half of the fixture that is concerned.
     `columns` (m, r, c): derivatives of the r misclosures of each pose with respect to the coefficients.
     `expected_size` (c,): expected magnitudes of the coefficients.
-    `own`: None if one set of c coefficients applies to all poses. If each pose concerned has its own set, the indices
-    (p,) of these poses; then `columns` is (p, r, c), and `expected_size` is (p * c,).
-    `places`: number of alternatives (e.g. poses) from which this one was selected; its prior is divided by this number.
+    `own` (p,): indices of the poses concerned if each of p poses has c coefficients of its own. `columns` is then
+    (p, r, c), and `expected_size` is (p * c,). None if the same c coefficients apply to all poses.
+    `places`: number of possible places (e.g. poses) of the fault. The prior is divided by this number.
     `poses`: poses concerned, indices in time order; empty if all poses are concerned.
     `most`: largest credible magnitude (rms) of the coefficients, in units of `expected_size`.
     `shapes` (m, c): coefficients b change the readings by ``shapes @ b``, rad; None if b itself is the deviation.
-    `least`: smallest deviation (rms) that counts as a cause; not used if `most_stated` is given.
-    `most_stated`: largest deviation that the files allow; 0 if they state none. A deviation counts as a cause only if
-    it exceeds this value by more than `CERTAIN_SIGMAS` of its standard deviations.
+    `least`: smallest deviation (rms) that counts as a cause if the files do not limit the deviation.
+    `most_stated`: limit of the deviation by the files; 0 if they state none. A deviation counts as a cause only if it
+    exceeds the limit by more than `CERTAIN_SIGMAS` of its standard deviations.
     `measured`: linearity deviation of the sensor as measured by loops that do not use its readings; None if unknown.
     `lines` (m, 2): orthonormal basis of the straight lines over the readings, i.e. of an offset and a gain error.
     `entries`: for a slip of the fixture or a changed length, the parameter that each column changes; otherwise empty.
@@ -98,7 +98,7 @@ class Candidate:
 
     @property
     def false_alarm_share(self) -> float:
-        """Weight of this candidate in the step test, which divides its false-alarm probability among all candidates."""
+        """False-alarm probability of this candidate in the step test, relative to that of most other candidates."""
         return LENGTHS_SHARE if self.cause is Cause.LENGTH_CHANGED else 1.0
 
     def from_pose(self, first: int) -> Candidate:
@@ -125,9 +125,9 @@ class Candidate:
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
         """Return the sensor's largest deviation over the poses, with its standard deviation.
 
-        Deviations from the true angle include the gain error, which the poses determine badly. So deviations from the
-        best-fit line (or `measured`, if known) are compared, too. The one that exceeds `most_stated` by more sigmas is
-        returned. If `measured` certainly exceeds `most_stated`, it is returned in any case.
+        The result is the deviation from the true angle or from the best-fit line (`measured`, if known), whichever
+        exceeds `most_stated` by more sigmas. The line takes up the gain error, which the poses determine badly.
+        If `measured` certainly exceeds `most_stated`, `measured` is returned in any case.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured
@@ -195,7 +195,7 @@ class FaultModels:
         most: float = 300.0,
         least: float = 0.0,
     ) -> Candidate:
-        """Return the candidate for errors ``shapes @ b`` of joint j's readings, rad; `size`: expected size of b."""
+        """Return the candidate for errors ``shapes @ b`` (rad) of joint j's readings. `size`: expected size of b."""
         return Candidate(
             cause=cause,
             subject=str(j),

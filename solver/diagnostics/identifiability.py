@@ -110,9 +110,9 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
 
 
 def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
-    """Whether the Jacobian at the readings `q` (m, n), without closed loops, proves all directions identifiable.
+    """Whether the Jacobian J at the readings `q` (m, n) is so well conditioned that all parameters are identifiable.
 
-    `paper`: the paper's estimate, whose covariance is proportional to the inverse of J'J, with J the Jacobian.
+    The condition follows from the covariance of the estimate `paper`, which is proportional to the inverse of J'J.
     """
     sd = paper.standard_deviation
     if not (sd > 0.0).all() or _immobile(np.ptp(q, axis=0)):

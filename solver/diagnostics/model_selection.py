@@ -159,13 +159,13 @@ def drop_unidentifiable(
 ) -> tuple[ClosureModel, tuple[str, ...]]:
     """Fix the parameters that the poses do not determine.
 
-    `x`: parameters (P,) that nearly close the loops; if the loops stay open, no direction looks unidentifiable. If it
-    is None, only the offsets and the fixture are fitted, because a fit of all lengths might shrink the arm to zero.
+    `x`: parameters (P,) that nearly close the loops. At open loops, every direction looks identifiable. If `x` is None,
+    only offsets and fixture are fitted first, because a fit of all lengths might shrink the arm to zero.
     `q`: joint angles (m, n), rad.
     `sigma_rad`: standard deviation of each joint's reading (n,), for closing the loops.
 
-    Returns the loop with fewer unknowns, and the names of the parameters now fixed at their nominal values. In `x`
-    these may have other values, so the remaining parameters have to be estimated again.
+    Returns the loop with fewer unknowns, and the names of the parameters now fixed at their nominal values. The others
+    have to be estimated again, because the fixed parameters may have other values in `x`.
     """
     every = names = [p.name for p in model.parameters]
     fixture = {*model.ground_side, *model.hand_side}
@@ -188,7 +188,7 @@ def _choose(
     directions: tuple[UnidentifiableDirection, ...],
     fixture: set[str],
 ) -> int:
-    """Return the index of the parameter to fix: an immobile joint's offset, else the arm's (else fixture's) weakest."""
+    """Return the index of the parameter to fix: an immobile joint's offset or, without one, the least determined."""
     for direction in directions:
         for joint in direction.immobile_joints:
             if f"theta_off_{joint}" in direction.parameters:

@@ -148,7 +148,7 @@ def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
 
 
 def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Return poses (0-based) with several readings outside their ranges, but none if the readings are in radians."""
+    """Return the poses (0-based) in which several readings are out of range, but all are in range as radians."""
     outside = (_outside(arm, q) > 0.0).sum(axis=1) > 1
     inside = ~(_outside(arm, np.rad2deg(q)) > 0.0).any(axis=1)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=1)

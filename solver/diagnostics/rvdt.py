@@ -36,8 +36,7 @@ class Soundness(Enum):
 class RvdtVerdict:
     """Verdict on one joint's RVDT.
 
-    `joint`: 1-based.
-    `text`: the verdict in words, with its figures.
+    `joint`: 1-based. `text`: the verdict in words, with its figures.
     `treat_as_unsensed`: whether the calibration is better without the joint's reading.
     `share`: share of the squared closure error that disappears if this joint's readings are corrected (at most 1,
     negative if the error grows); 0 if the poses cannot decide.

@@ -26,13 +26,11 @@ POINTS_PER_TERM = 4
 class SmoothCurve:
     """Legendre series that was fitted by least squares to the values at m points.
 
-    `low`, `high`: range of the points' abscissas.
-    `coefficients`: (degree + 1,).
+    `low`, `high`: range of the points' abscissas. `coefficients`: (degree + 1,).
     `smoother` (degree + 1, m): maps the values to the coefficients.
-    `residual` (m,): values minus curve.
-    `dof`: number of points minus number of coefficients.
-    `line_probability`: probability that the curve fits so much better than a straight line although the true curve is
-    straight (F test, times the number of degrees that were compared); 1 if the fitted curve is a straight line.
+    `residual` (m,): values minus curve. `dof`: number of points minus number of coefficients.
+    `line_probability`: probability that noise makes the curve fit so much better than a straight line (F test, times
+    the number of degrees compared). It is 1 if the fitted curve is a straight line.
     """
 
     low: float
@@ -60,9 +58,9 @@ class SmoothCurve:
 def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -> SmoothCurve:
     """Fit a Legendre series to points (m,); its degree is chosen by the leave-one-out error.
 
-    A degree above `least_degree` must reduce the error of the best lower degree by more than the standard error of the
-    reduction, so that noise is not fitted, and it needs `POINTS_PER_TERM` points per term of the series. At least twice
-    as many points are needed in any case, not all at one abscissa.
+    So that noise is not fitted, a degree above `least_degree` must reduce the error of the best lower degree by more
+    than the standard error of the reduction. It also needs `POINTS_PER_TERM` points per term of the series. At least
+    ``2 * POINTS_PER_TERM`` points are needed in any case, and not all of them at one abscissa.
     """
     from scipy.special import fdtrc
 
@@ -154,7 +152,7 @@ class RvdtFigures:
 
 
 def sensor_angle(reading_rad: FloatArray, measured: LoopAngle) -> tuple[FloatArray, float]:
-    """Return the angles (m,) that an exact sensor would read, and the offset (mean of theta' minus reading), rad."""
+    """Return the readings (m,) of an exact sensor, and the offset (mean of joint angle theta' minus reading), rad."""
     apart = measured.angle_rad - reading_rad
     # The median decides on the whole turns; no reading is wrong by half a turn.
     middle = float(np.median(np.unwrap(apart)))

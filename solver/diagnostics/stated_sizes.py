@@ -132,10 +132,10 @@ class Scale:
 
 
 def learned_scales(fit: LinearFit, derivatives: Derivatives) -> tuple[Scale, ...]:
-    """Return the scale of every family of errors whose scale is estimated.
+    """Return the ratio of actual to stated errors (scale) of every family for which the fit estimates this ratio.
 
-    `fit`: fit whose variances follow from the posterior means of the scales. `derivatives`: ``with_priors(fit)``. The
-    logarithm of a scale is taken as normally distributed (Laplace's approximation; method, section 10).
+    `fit`: fit whose variances follow from the posterior means of the scales. `derivatives`: derivatives of the log
+    posterior at `fit`. Log scales are taken as normally distributed (Laplace's approximation; method, section 10).
     """
     components = fit.design.components
     learned = [k for k, c in enumerate(components) if c.scaled]

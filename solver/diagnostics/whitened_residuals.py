@@ -117,25 +117,25 @@ ROUNDING = 1e-13
 
 
 class OwnColumns:
-    """Columns of single poses: each of p poses has c columns of its own, which are zero in all other poses.
+    """Further columns that concern single poses: each of p poses has c columns, with zeros in all other poses.
 
     The c whitened columns of each pose are rotated so that they are orthogonal to each other.
 
     `poses` (p,): indices of the poses.
-    `white` (p, r, c): whitened columns before the rotation.
-    `turn` (p, c, c): maps coefficients of the rotated columns to coefficients of `white`.
-    `own`, `score` (p * c,): sum of squares of each rotated column, and its scalar product with the residuals.
-    `inside` (p * c, K): scalar products of the rotated columns with the K fitted columns.
+    `white` (p, r, c): whitened columns before the rotation, for r equations of each pose.
+    `rotation` (p, c, c): maps coefficients of the rotated columns to coefficients of `white`.
+    `own` (p * c,): sum of squares of each rotated column. `score` (p * c,): its scalar product with the residuals.
+    `overlap` (p * c, K): scalar products of the rotated columns with the K columns that are already fitted.
     """
 
     def __init__(self, residuals: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> None:
         self.residuals, self.poses = residuals, poses
         self.white = residuals.whitener[poses] @ columns
-        own, self.turn = np.linalg.eigh(np.swapaxes(self.white, -1, -2) @ self.white)
-        turned = np.swapaxes(self.white @ self.turn, -1, -2)
+        own, self.rotation = np.linalg.eigh(np.swapaxes(self.white, -1, -2) @ self.white)
+        turned = np.swapaxes(self.white @ self.rotation, -1, -2)
         self.own = np.maximum(own, 0.0).reshape(-1)
         self.score = (turned @ residuals.white[poses][..., None]).reshape(-1)
-        self.inside = (turned @ residuals.U[poses]).reshape(own.size, -1)
+        self.overlap = (turned @ residuals.U[poses]).reshape(own.size, -1)
 
     def solved(self, variance: float) -> SolvedColumns:
         """Solve for the coefficients of the rotated columns, each with the prior N(0, `variance`)."""
@@ -143,7 +143,7 @@ class OwnColumns:
 
         total = 1.0 / variance + self.own
         root = np.sqrt(total)
-        inside, score = self.inside / root[:, None], self.score / root
+        inside, score = self.overlap / root[:, None], self.score / root
         determined = np.eye(inside.shape[1]) - inside.T @ inside
         factor, failed = lapack.dpotrf(determined, lower=True)
         if failed:
@@ -164,21 +164,21 @@ class OwnColumns:
     def coefficients(self, solved: SolvedColumns) -> tuple[FloatArray, FloatArray]:
         """Return the coefficients (p * c,) of the unrotated columns `white`, and the variances of the coefficients."""
         p, _, c = self.white.shape
-        spread = self.inside / solved.total[:, None] @ solved.back.T
-        spread = self.turn @ spread.reshape(p, c, -1)
-        variance = (spread**2).sum(-1) + (self.turn**2 / solved.total.reshape(p, 1, c)).sum(-1)
-        b = (self.turn @ solved.b.reshape(p, c, 1)).reshape(-1)
+        spread = self.overlap / solved.total[:, None] @ solved.back.T
+        spread = self.rotation @ spread.reshape(p, c, -1)
+        variance = (spread**2).sum(-1) + (self.rotation**2 / solved.total.reshape(p, 1, c)).sum(-1)
+        b = (self.rotation @ solved.b.reshape(p, c, 1)).reshape(-1)
         return b, variance.reshape(-1)
 
     def moved(self, solved: SolvedColumns) -> FloatArray:
         """Return the change of the parameters (P,) when the columns are fitted with the coefficients `solved`."""
-        return np.asarray(self.residuals.to_x @ (self.inside.T @ solved.b))
+        return np.asarray(self.residuals.to_x @ (self.overlap.T @ solved.b))
 
     def drawn(self) -> WhitenedResiduals:
-        """Return the residuals after the columns, with coefficients ~ N(0, 1), are added to the noise of `poses`."""
+        """Return the residuals if the columns, with coefficients ~ N(0, 1), count as further noise of `poses`."""
         residuals, solved = self.residuals, self.solved(1.0)
-        b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
-        white = residuals.white + residuals.U @ (self.inside.T @ solved.b)
+        b = (self.rotation @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
+        white = residuals.white + residuals.U @ (self.overlap.T @ solved.b)
         white[self.poses] -= (self.white @ b[..., None])[..., 0]
         noise = np.linalg.cholesky(
             np.eye(self.white.shape[1]) + self.white @ np.swapaxes(self.white, -1, -2)
@@ -200,13 +200,13 @@ class OwnColumns:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolvedColumns:
-    """Fit of the rotated columns of an `OwnColumns`; the prior of each coefficient is N(0, v).
+    """Coefficients of the rotated columns of an `OwnColumns`, each fitted with the prior N(0, v).
 
-    `b` (p * c,): coefficients of the rotated columns.
-    `drop`: reduction of chi2 by the columns.
+    `b` (p * c,): the coefficients, c for each of p poses. `drop`: reduction of chi2 by the fit.
     `logdet`: ``log det (I + v C)``, with C the covariance of the score (see the module).
-    `total` (p * c,), `back` (K, K): with D = diag(1 / total) and W = `OwnColumns.inside`, the covariance of `b` is
-    ``D + D W back' back W' D``, where ``back' back = (I - W' D W)^-1``.
+    `total` (p * c,): information on each coefficient, from the prior and from the pose: ``1 / v + own``.
+    `back` (K, K): triangular root, ``back' back = (I - W' D W)^-1``, with D = diag(1 / total), W = `overlap`, and K the
+    number of columns fitted before. The covariance of `b` is ``D + D W back' back W' D``.
     """
 
     b: FloatArray

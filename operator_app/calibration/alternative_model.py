@@ -134,15 +134,15 @@ def fitted(alternative: Experiment, *, anywhere: bool = False) -> MixedFit:
     """
     arm, poses = alternative.arm, alternative.poses
     x, _ = start(alternative)
-    hard = alternative.loop()
-    model, tolerance = free_within_tolerance(hard, arm)
-    placed = {*hard.ground_side, *hard.hand_side} if anywhere else set()
-    priors = stated_priors(hard, arm, alternative.fixture)
+    free = alternative.loop()
+    model, tolerance = free_within_tolerance(free, arm)
+    placed = {*free.ground_side, *free.hand_side} if anywhere else set()
+    priors = stated_priors(free, arm, alternative.fixture)
     prior = {name: sd for name, sd in priors.items() if name not in placed}
     errors = error_model(alternative, tolerance=tolerance, prior=prior)
     design = LinearModel(model, poses.q_rad, errors, group=poses.placement)
     v = design.stated_variances()
-    return fit_mixed(design, in_order(model, hard, x), variances=v)
+    return fit_mixed(design, in_order(model, free, x), variances=v)
 
 
 def tried(work: Callable[[], _T], otherwise: _T) -> _T:

@@ -124,11 +124,11 @@ class Prepared:
     """Loops of the poses on the main branch, with the model, data and error model of their fit.
 
     `fixed`: unidentifiable unknowns that stay at their nominal values because the caller set `drop`.
-    `hard`: model with only the unknowns that the poses have to identify.
-    `model`: `hard` with further entries of the maker's table, which the fit may correct within a tolerance.
+    `free`: model with only the unknowns that the poses have to identify.
+    `model`: `free` with further entries of the maker's table, which the fit may correct within a tolerance.
     `errors`: error model of the distinct poses; its `tolerance` names these further entries.
     `distinct`: indices of the distinct poses. `which`: for every pose on the branch, its position in `distinct`.
-    `prior`: names of the arm's unknowns in `hard` whose uncertainty the arm's file states.
+    `prior`: names of the arm's unknowns in `free` whose uncertainty the arm's file states.
     """
 
     experiment: Experiment
@@ -136,7 +136,7 @@ class Prepared:
     out_of_range: tuple[RangeFinding, ...]
     loops: IdentifiableLoops
     fixed: tuple[str, ...]
-    hard: ClosureModel
+    free: ClosureModel
     model: ClosureModel
     errors: ErrorModel
     distinct: IntArray
@@ -158,10 +158,10 @@ def prepare(
     refuse_placement(experiment, model)
     loops = identifiable_loops(experiment, model, search=search, drop=drop, progress=progress)
     fixed = loops.unidentifiable if drop else ()
-    hard = loops.identifiable if by_paper else loops.model
+    free = loops.identifiable if by_paper else loops.model
     # The implicit fit is always made, because the paper's estimate is compared with it.
-    model, tolerance = free_within_tolerance(hard, arm, fixed=fixed)
-    prior = stated_priors(hard, arm, experiment.fixture)
+    model, tolerance = free_within_tolerance(free, arm, fixed=fixed)
+    prior = stated_priors(free, arm, experiment.fixture)
     distinct, which = distinct_poses(poses, loops.kept)
     prepared = Prepared(
         experiment=experiment,
@@ -169,12 +169,12 @@ def prepare(
         out_of_range=out_of_range,
         loops=loops,
         fixed=fixed,
-        hard=hard,
+        free=free,
         model=model,
         errors=error_model(experiment, distinct, tolerance=tolerance, prior=prior),
         distinct=distinct,
         which=which,
-        prior=frozenset(prior) - {*hard.ground_side, *hard.hand_side},
+        prior=frozenset(prior) - {*free.ground_side, *free.hand_side},
     )
     # Before the fit, because along an unidentifiable direction without a prior no estimate is valid.
     if (paper := loops.paper) is not None and (
@@ -202,7 +202,7 @@ def fit(prepared: Prepared, progress: Progress | None) -> Calibrated:
         )
     except PosesDoNotFitError as error:
         unknowns = len(loops.identifiable.parameters)
-        dof = len(distinct) * prepared.hard.equations_per_pose - unknowns
+        dof = len(distinct) * prepared.free.equations_per_pose - unknowns
         stated = experiment.at_poses(distinct)
         raise failure_analysis.poses_do_not_fit(
             poses_in_radians(stated, CHI2_PER_DOF_GROSS)
@@ -275,7 +275,7 @@ def collect(prepared: Prepared, whole: Calibrated, part: Calibrated) -> Solution
     if len(prepared.which) != len(prepared.distinct):
         implicit = implicit.at_poses(prepared.which)
         components = components.at_poses(prepared.which)
-    model = prepared.hard if by_paper else prepared.model
+    model = prepared.free if by_paper else prepared.model
     estimate = (loops.paper if by_paper else None) or implicit
     identifiable_x = in_order(loops.identifiable, model, estimate.x)
     solution = Solution(
@@ -326,7 +326,7 @@ def _require_identifiable(prepared: Prepared, identified: Identifiability) -> Id
 
     The implicit estimator accepts a direction if the arm's file states the uncertainty of one of its parameters.
     """
-    experiment, loops, model = prepared.experiment, prepared.loops, prepared.hard
+    experiment, loops, model = prepared.experiment, prepared.loops, prepared.free
     known = frozenset[str]() if prepared.by_paper else prepared.prior
     blind = tuple(d for d in identified.directions if not known & set(d.parameters))
     if not blind:
@@ -366,7 +366,7 @@ def _starts(prepared: Prepared) -> Iterator[FloatArray | None]:
     model, q, identifiable = prepared.model, loops.q, loops.identifiable
     if prepared.prior and loops.search is None and not unsensed:
         # The fixture's placement alone, with the arm's stated entries at their nominal values.
-        fixture_only = prepared.hard.without(prepared.prior)
+        fixture_only = prepared.free.without(prepared.prior)
         yield in_order(model, fixture_only, estimate_paper(fixture_only, q).x)
     first = loops.paper or loops.search
     yield None if first is None else in_order(model, identifiable, first.x)

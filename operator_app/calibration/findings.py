@@ -222,7 +222,7 @@ def _reading_noise(joint: int, x: Explanation, faults: FaultModels) -> Finding:
 def _entry(x: Explanation, faults: FaultModels) -> Finding:
     design, name = faults.design, x.candidate.subject
     k = [p.name for p in design.model.parameters].index(name)
-    stated = float(design.soft_sd[list(design.soft_index).index(k)])
+    stated = float(design.prior_sd[list(design.prior_index).index(k)])
     angle = x.candidate.cause is Cause.TWIST
     return Finding(
         FindingKind.TWIST_OFF if angle else FindingKind.LENGTH_OFF,

@@ -118,17 +118,20 @@ def local_minimum_causes(
     near_nominal, times = False, dict[str, float]()
     if far and q is not None:
         known = identified.values_by_name
-        hard = model.without([p.name for p in model.parameters if p.name not in known])
-        problem = closure_problem(hard, q)
-        x = nominal_vector(hard.parameters, known)
+        identified_model = model.without([p.name for p in model.parameters if p.name not in known])
+        problem = closure_problem(identified_model, q)
+        x = nominal_vector(identified_model.parameters, known)
         own = solve_damped(problem, x, max_iterations=ITERATIONS).cost
-        fits = _fits(hard, problem)
+        fits = _fits(identified_model, problem)
         best = min(fit.cost for fit in fits)
         if best < limits.OTHER_SOLUTION_COST_SHARE * own:
             times = {"times": float(np.sqrt(own / max(best, 1e-300)))}
         near_nominal = any(
             limits.OTHER_SOLUTION_COST_SHARE * fit.cost < own
-            and all(p.name.endswith("]") for p, _ in far_from_nominal(hard.parameters, fit.x))
+            and all(
+                p.name.endswith("]")
+                for p, _ in far_from_nominal(identified_model.parameters, fit.x)
+            )
             for fit in fits
         )
     if not times and not near_nominal:
@@ -173,14 +176,14 @@ def fixture_elsewhere(estimate: Estimate, model: ClosureModel) -> tuple[Finding,
     return (Finding(kind, names=(p.name,), size=change, unit=p.unit),)
 
 
-def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:
-    """Return the parameters (P,) of `hard` that close the loops best, found from starts around the nominal values."""
-    return min(_fits(hard, closure_problem(hard, q)), key=lambda fit: fit.cost).x
+def best_about_nominal(model: ClosureModel, q: FloatArray) -> FloatArray:
+    """Return the parameters (P,) of `model` that close the loops best, found from starts around the nominal values."""
+    return min(_fits(model, closure_problem(model, q)), key=lambda fit: fit.cost).x
 
 
-def _fits(hard: ClosureModel, problem: Problem) -> list[Fit]:
-    nominal = nominal_vector(hard.parameters)
-    angles = np.array([p.is_angle for p in hard.parameters])
+def _fits(model: ClosureModel, problem: Problem) -> list[Fit]:
+    nominal = nominal_vector(model.parameters)
+    angles = np.array([p.is_angle for p in model.parameters])
     rng = np.random.default_rng(0)
     spread = np.where(angles, SPREAD_RAD, SPREAD_M)
     starts = [nominal, *(nominal + spread * rng.uniform(-1.0, 1.0, (LOCAL_STARTS, len(nominal))))]

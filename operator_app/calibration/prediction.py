@@ -104,9 +104,9 @@ def predict_new_poses(
     if solution.estimate.estimator == "paper":
         # The paper's estimate is not an optimum of these equations: it is tested at its own values.
         at = equations.state.x if isinstance(equations, Linearisation) else fitted.x
-        hard = design.hard_index
-        covariance = _covariance(solution.estimate, [column[k] for k in hard])
-        known = (x0 - at)[hard], covariance
+        flat = design.flat_index
+        covariance = _covariance(solution.estimate, [column[k] for k in flat])
+        known = (x0 - at)[flat], covariance
     residuals = predicted_residuals(fit, later, known)
     unknown = len([p for p in model.parameters if p.name in start])
     if not np.isfinite(residuals.chi2):

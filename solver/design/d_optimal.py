@@ -248,12 +248,12 @@ def pose_information(
             "some closure components have no noise, because their joints have none"
         ) from error
     columns = np.concatenate([p.M for p in parts])
-    effects = columns[..., design.hard :]
+    effects = columns[..., design.flat_count :]
     # Leading combinations of independent effects are independent effects again.
     rows = np.concatenate(list(effects))
     _, turn = np.linalg.eigh(rows.T @ rows)
     leading = effects @ turn[:, : -EFFECTS - 1 : -1]
     return PoseInformation(
-        parameters=tuple(model.parameters[k].name for k in design.hard_index),
-        root=np.concatenate((columns[..., : design.hard], leading), axis=-1),
+        parameters=tuple(model.parameters[k].name for k in design.flat_index),
+        root=np.concatenate((columns[..., : design.flat_count], leading), axis=-1),
     )

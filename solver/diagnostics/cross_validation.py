@@ -185,7 +185,7 @@ def predicted_residuals(
     `given`: values (h,) and covariance (h, h) of the h parameters without a prior, used for the prediction instead of
     the other poses. The values are relative to the linearisation point.
     """
-    width, hard = fit.design.width, fit.design.hard
+    width, flat = fit.design.width, fit.design.flat_count
     gram, right = np.zeros((width, width)), np.zeros(width)
     rows = []
     for part in fit.parts():
@@ -196,13 +196,13 @@ def predicted_residuals(
         rows.append((part.L_inverse[new], part.M[new], part.w[new]))
     whitener, M, w = (np.concatenate(parts) for parts in zip(*rows, strict=True))
     if given is None:
-        precision = np.repeat((NOT_KNOWN**-2, 1.0), (hard, width - hard))
+        precision = np.repeat((NOT_KNOWN**-2, 1.0), (flat, width - flat))
         half = inverse_root(gram + np.diag(precision))[0]
         coefficients = -(half @ (half.T @ right))
     else:
         half, coefficients = np.eye(width), np.zeros(width)
-        half[:hard, :hard] = covariance_root(given[1])
-        coefficients[:hard] = given[0]
+        half[:flat, :flat] = covariance_root(given[1])
+        coefficients[:flat] = given[0]
     m, r = w.shape
     columns = M.reshape(m * r, width)
     N, y = columns @ half, w.reshape(-1) + columns @ coefficients

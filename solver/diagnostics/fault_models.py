@@ -229,7 +229,7 @@ class FaultModels:
         for side, own in (("table", model.ground_side), ("hand", (*model.hand_side, *along))):
             if len(own) > len(along):
                 candidates.append(self._of_parameters(Cause.SLIPPED, side, own))
-        for p in (model.parameters[k] for k in self.design.soft_index):
+        for p in (model.parameters[k] for k in self.design.prior_index):
             if p.name in self.design.errors.tolerance and not p.is_angle:
                 candidates.append(self._of_parameters(Cause.LENGTH_CHANGED, p.name, (p.name,)))
         return candidates
@@ -317,7 +317,7 @@ class FaultModels:
 
     def _entries(self) -> Iterator[Candidate]:
         design = self.design
-        for k, sd in zip(design.soft_index, design.soft_sd, strict=True):
+        for k, sd in zip(design.prior_index, design.prior_sd, strict=True):
             parameter = design.model.parameters[k]
             if parameter.name in design.errors.tolerance:
                 yield Candidate(

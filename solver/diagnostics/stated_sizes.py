@@ -160,6 +160,6 @@ def shares_of_poses(fit: LinearFit) -> dict[str, float]:
     names = [p.name for p in design.model.parameters]
     shares = dict.fromkeys(names, 1.0)
     variance = np.square(fit.standard_deviation)
-    for k, sd in zip(design.soft_index.tolist(), design.soft_sd.tolist(), strict=True):
+    for k, sd in zip(design.prior_index.tolist(), design.prior_sd.tolist(), strict=True):
         shares[names[k]] = float(np.clip(1.0 - variance[k] / sd**2, 0.0, 1.0))
     return shares

@@ -99,7 +99,7 @@ def jackknife(fit: LinearFit) -> FloatArray:
     """
     design = fit.design
     m = len(design.q)
-    require_enough_poses(design.model, m - 1, known=len(design.soft_index))
+    require_enough_poses(design.model, m - 1, known=len(design.prior_index))
     steps = fit.without_each()
     apart = steps - steps.mean(axis=0)
     return np.asarray(np.sqrt((m - 1.0) / m * (apart**2).sum(axis=0)))

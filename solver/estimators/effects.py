@@ -225,9 +225,9 @@ class LinearModel(Layout):
         Aw = L_inverse @ system.A
         m, r = system.w.shape
         M = np.empty((m, r, self.width))
-        M[..., : self.hard] = Aw[..., self.hard_index]
-        effects, at = M[..., self.hard :], len(self.soft_index)
-        effects[..., :at] = Aw[..., self.soft_index] * (self.soft_sd * root[:at])
+        M[..., : self.flat_count] = Aw[..., self.flat_index]
+        effects, at = M[..., self.flat_count :], len(self.prior_index)
+        effects[..., :at] = Aw[..., self.prior_index] * (self.prior_sd * root[:at])
         along, shapes = self.along_joints, self.along_joints.at(system.angle, poses)
         end = at + len(along.joint_of)
         shapes = shapes * root[at:end]
@@ -249,11 +249,10 @@ class LinearModel(Layout):
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the joint corrections (m, n) and fixture displacements (m, k) caused by effects with coefficients `b`.
 
-        The corrections include expected play and sag. `b` (width - hard,): see `LinearFit.b`. It has one element for
-        each column except the first `hard`, which are those of parameters without a prior.
+        The corrections include expected play and sag. `b` (f,): coefficients of the f effects, see `LinearFit.b`.
         """
         shift, deflection = self.expected.copy(), np.zeros((len(self.q), self.rows))
-        at = len(self.soft_index)
+        at = len(self.prior_index)
         end = at + len(self.along_joints.joint_of)
         for poses in self.parts():
             shift[poses] += self.along_joints.shift(b[at:end], angle[poses], poses)
@@ -295,10 +294,10 @@ class Linearisation:
         self.state = state
         self._model, self._q, self._expected = design.model, design.q, design.expected
         # The unknowns are deviations from nominal for parameters with a prior, and steps from `state` for the others.
-        self._soft = state.x - design.nominal
-        self._soft[design.hard_index] = 0.0
+        self._deviation = state.x - design.nominal
+        self._deviation[design.flat_index] = 0.0
         w, rates = distance_rows(design.errors.distances, design.model.parameters, state.x)
-        self.distances = (w - rates @ self._soft, rates)
+        self.distances = (w - rates @ self._deviation, rates)
         self.equations = len(design.q) * design.model.equations_per_pose + len(w)
         self._last: tuple[slice, System, Rates] | None = None
 
@@ -323,7 +322,7 @@ class Linearisation:
         e = angle - self._q[poses]
         error = model.loop(state.x, angle, state.closed_u[poses])
         reduced = reduced_equations(error)
-        w = reduced.w - reduced.A @ self._soft
+        w = reduced.w - reduced.A @ self._deviation
         w += (reduced.B @ (self._expected[poses] - e)[..., None])[..., 0]
         system = System(
             w=w, A=reduced.A, B=reduced.B, E=reduced.E, angle=angle, distances=self.distances

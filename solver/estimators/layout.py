@@ -81,7 +81,7 @@ class VarianceComponent:
     `floor`, `ceiling`: limits of v. `raise_limit`: value to which one step may raise v, however small v is.
     `scaled`: whether v has a log-normal prior with median `start` (method, section 10): v stays near `start` unless the
     poses determine it.
-    `soft`: if finite, v has a prior density proportional to exp(-v / (2 soft)).
+    `prior_scale`: if finite, v has a prior density proportional to exp(-v / (2 prior_scale)).
     `spread_variance`, `spread_dof`: another estimate of v, and its degrees of freedom. It is from the spread of the
     samples within each pose, or from a specification.
     """
@@ -91,7 +91,7 @@ class VarianceComponent:
     floor: float = SMALLEST_SCALE**2
     stated: float = 1.0
     scaled: bool = True
-    soft: float = np.inf
+    prior_scale: float = np.inf
     ceiling: float = LARGEST_SCALE**2
     raise_limit: float = 0.0
     spread_variance: float = 0.0
@@ -138,7 +138,8 @@ class Layout:
     """Columns of the parameters and effects of a closure model with stated errors, and their K variance components.
 
     `q` (m, n): readings, rad. `like`: a layout of the same poses; its smooth functions of the pose are used again.
-    `width`: number of columns; the first `hard` of them belong to parameters without a prior, the others to effects.
+    `width`: number of columns. The first `flat_count` columns belong to parameters with a flat prior: nothing is known of
+    them beforehand. The other columns belong to effects; a parameter with a tolerance counts as an effect.
     `column` (P,): column of each parameter. `index`: index of each component by name.
     `floors`, `ceilings`, `raise_limits`, `scaled` (K,): values of these fields of all `VarianceComponent`s.
     `test_floors` (K,): lower limits of the variances of noise for tests of single readings.
@@ -168,16 +169,21 @@ class Layout:
             if not 1 <= joint <= model.joint_count or joint in model.unsensed_joints:
                 raise ValueError(f"no reading of joint {joint} is used, so its noise is unknown")
         self.nominal = nominal_vector(parameters)
-        self.soft: BoolArray = np.array([n in known for n in names], dtype=bool)
+        self.has_prior: BoolArray = np.array([n in known for n in names], dtype=bool)
         # Ordered as lengths, twists, offsets, placement, so that each kind is one group of columns.
         fixture = {*model.ground_side, *model.hand_side}
-        self.soft_kind = np.array([_SOFT.index(_source(p, fixture)) for p in parameters], dtype=int)
-        self.soft_index = np.concatenate(
-            [np.flatnonzero(self.soft & (self.soft_kind == k)) for k in range(len(_SOFT))]
+        self.prior_kind = np.array(
+            [PRIOR_KINDS.index(_source(p, fixture)) for p in parameters], dtype=int
         )
-        self.soft_sd = np.array([known[names[k]] for k in self.soft_index])
-        self.hard_index = np.flatnonzero(~self.soft)
-        self.column = np.argsort(np.concatenate((self.hard_index, self.soft_index)))
+        self.prior_index = np.concatenate(
+            [
+                np.flatnonzero(self.has_prior & (self.prior_kind == k))
+                for k in range(len(PRIOR_KINDS))
+            ]
+        )
+        self.prior_sd = np.array([known[names[k]] for k in self.prior_index])
+        self.flat_index = np.flatnonzero(~self.has_prior)
+        self.column = np.argsort(np.concatenate((self.flat_index, self.prior_index)))
         read = ~np.isin(np.arange(1, model.joint_count + 1), model.unsensed_joints)
         self.rows = model.components
         self.accuracy, self.backlash, self.sag = (
@@ -210,13 +216,13 @@ class Layout:
         # Single readings are not tested with less noise than expected, since their errors have tails.
         self.test_floors = np.array([c.start if c.scaled else c.floor for c in self.components])
         self.scaled = np.array([c.scaled for c in self.components], dtype=bool)
-        self.hard = len(self.hard_index)
+        self.flat_count = len(self.flat_index)
         wide = [len(g.names) for g in self.groups]
-        ends = np.cumsum([self.hard, *wide])
+        ends = np.cumsum([self.flat_count, *wide])
         self.slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self.width = int(ends[-1])
         self._fixed = np.repeat([g.fixed for g in self.groups], wide)
-        # Rates of every effect column's variance with the components (width - hard, K).
+        # Rates of every effect column's variance with the components (f, K).
         rates = np.zeros((len(wide), len(self.components)))
         for row, g in zip(rates, self.groups, strict=True):
             for c, rate in g.rates:
@@ -246,8 +252,8 @@ class Layout:
 
     def _lay_out(self, names: list[str]) -> None:
         self._lay_out_noise()
-        for k, source in enumerate(_SOFT):
-            listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
+        for k, source in enumerate(PRIOR_KINDS):
+            listed = tuple(names[i] for i in self.prior_index if self.prior_kind[i] == k)
             if listed and source == OFFSETS:
                 # These parameters are to be identified: their prior uncertainty is stated, not estimated.
                 self.groups.append(Group(source=source, names=listed, fixed=1.0))
@@ -358,7 +364,7 @@ class Layout:
                 floor=1e-8,
                 stated=1e-8,
                 scaled=False,
-                soft=1.0,
+                prior_scale=1.0,
                 ceiling=LARGEST_DISCREPANCY**2,
                 raise_limit=0.04,
             )
@@ -417,16 +423,12 @@ class Layout:
         return stated
 
     def group_variances(self, v: FloatArray) -> FloatArray:
-        """Return the variance of each effect's coefficient, (width - hard,), for variance components `v` (K,).
-
-        The shape means one value for each of the `width` columns except the first `hard`, which are those of parameters
-        without a prior.
-        """
+        """Return the variance of each of f effects' coefficients (f,), for variance components `v` (K,)."""
         return np.asarray(self._fixed + self.variance_rates @ v)
 
 
 LENGTHS, TWISTS, OFFSETS, PLACEMENT = "lengths", "twists", "offsets", "placement"
-_SOFT = (LENGTHS, TWISTS, OFFSETS, PLACEMENT)
+PRIOR_KINDS = (LENGTHS, TWISTS, OFFSETS, PLACEMENT)
 """Kinds of parameters with a prior, in the order of the parameters' columns."""
 
 

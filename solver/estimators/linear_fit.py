@@ -1,7 +1,7 @@
 """A linear mixed model solved for given variances, and the results of one linearisation.
 
 Henderson's mixed-model equations are solved in whitened coordinates. The columns M are those of the parameters without
-a prior ("hard"), then those of the effects, scaled to unit variance. The matrix of the equations is
+a prior, then those of the effects, scaled to unit variance. The matrix of the equations is
 ``H = M'M + diag(0, I)``. No array grows with the square of the number of poses. The results are the covariance, the
 repeatability, the uncertainty budget, the misfit of poses to their prediction from others, and scores of new columns.
 """
@@ -37,8 +37,7 @@ class LinearFit:
     `change` (P,): fitted change of each parameter, rad or m: from its nominal value if it has a prior, otherwise from
     its value at the linearisation.
     `unit` (P,): factor from the coefficient of each parameter's column to the parameter's change, rad or m.
-    `b` (width - hard,): predicted coefficient of each effect, not scaled to unit variance. Effects have all of the
-    `width` columns except the first `hard`, which are those of the parameters without a prior.
+    `b` (f,): predicted coefficient of each of f effects, not scaled to unit variance.
     `half` (width, width): upper triangular root of the inverse, ``H^-1 = half half'``.
     `chi2`: ``w' P w``, with the whitened misclosure w and the projector ``P = I - M H^-1 M'``.
     `dof`: number of equations minus number of parameters without a prior; the expectation of `chi2` if `v` is right.
@@ -46,10 +45,10 @@ class LinearFit:
 
     def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:
         self.design, self.system, self.v = design, system, np.array(v, dtype=np.float64)
-        hard, soft = design.hard, len(design.soft_index)
+        flat, known = design.flat_count, len(design.prior_index)
         self.root = np.sqrt(design.group_variances(self.v))
-        self.unit = np.ones(hard + soft)
-        self.unit[design.soft_index] = design.soft_sd * self.root[:soft]
+        self.unit = np.ones(flat + known)
+        self.unit[design.prior_index] = design.prior_sd * self.root[:known]
         slices = design.parts()
         self._whitened: list[Whitened] = []
         self.H = np.zeros((design.width, design.width))
@@ -69,7 +68,7 @@ class LinearFit:
             self.H += rows.T @ rows
             right += w @ rows
             square += float(w @ w)
-        effects = np.arange(hard, design.width)
+        effects = np.arange(flat, design.width)
         self.H[effects, effects] += 1.0
         self.half, determinant = inverse_root(self.H)
         self.coefficients = -(self.half @ (self.half.T @ right))
@@ -79,9 +78,9 @@ class LinearFit:
         # NaN stays NaN; `max` would return 0, the best of all fits.
         self.chi2 = float(np.maximum(0.0, square + right @ self.coefficients))
         self.change = self.coefficients[design.column] * self.unit
-        self.unit_b = self.coefficients[hard:]
+        self.unit_b = self.coefficients[flat:]
         self.b = self.unit_b * self.root
-        self.dof = system.equations - hard
+        self.dof = system.equations - flat
         self.log_likelihood = -0.5 * (2.0 * logdet + determinant + self.chi2)
 
     @cached_property
@@ -301,11 +300,10 @@ class LinearFit:
     def pulls(self) -> FloatArray:
         """Predicted coefficient of each effect, divided by the standard deviation of the prediction.
 
-        The shape is (width - hard,): one pull for each column except the first `hard`, which belong to parameters
-        without a prior. A pull is ~ N(0, 1) if the model is right, and 0 if the poses give no information about the
-        effect.
+        Each of the f effects has a pull (f,). A pull is ~ N(0, 1) if the model is right, and 0 if the poses give no
+        information about the effect.
         """
-        remaining = np.diagonal(self.H_inverse)[self.design.hard :]
+        remaining = np.diagonal(self.H_inverse)[self.design.flat_count :]
         z = self.unit_b / np.sqrt(np.maximum(1.0 - remaining, 1e-12))
         return np.where(remaining < 1.0 - LEAST_PULL_INFORMATION, z, 0.0)
 
@@ -315,7 +313,7 @@ class LinearFit:
         If the poses determine only the sum of some effects, their pulls are correlated. The rows of effects about which
         the poses give no information are zero.
         """
-        columns = self.design.hard + effects
+        columns = self.design.flat_count + effects
         determined = np.eye(len(columns)) - self.H_inverse[np.ix_(columns, columns)]
         square = np.diagonal(determined)
         known = square > LEAST_PULL_INFORMATION

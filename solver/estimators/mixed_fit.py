@@ -266,7 +266,7 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
     state is the old one.
     """
     old = at.state
-    x = np.where(design.soft, design.nominal, old.x) + fit.change
+    x = np.where(design.has_prior, design.nominal, old.x) + fit.change
     dx = x - old.x
     e, deflection = design.effects_at(fit.b, old.closed_q)
     u, closed_q, closed_u = old.closed_u.copy(), design.q.copy(), old.closed_u.copy()

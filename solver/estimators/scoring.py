@@ -76,12 +76,12 @@ class Derivatives:
 def likelihood_derivatives(fit: LinearFit) -> Derivatives:
     """Differentiate the restricted log-likelihood with respect to every variance component, at `fit`."""
     design, K = fit.design, len(fit.v)
-    hard, width = design.hard, design.width
+    flat, width = design.flat_count, design.width
     # Rates of the logarithm of each effect column's variance.
     rates = design.variance_rates / design.group_variances(fit.v)[:, None]
     # Effects: with T = Z' P Z = I - H^-1 in units of their variance, all traces are sums over its blocks.
-    determined = 1.0 - np.diagonal(fit.H_inverse)[hard:]
-    squares = fit.H_inverse[hard:, hard:] ** 2
+    determined = 1.0 - np.diagonal(fit.H_inverse)[flat:]
+    squares = fit.H_inverse[flat:, flat:] ** 2
     np.fill_diagonal(squares, determined**2)
     expected = determined @ rates
     score = fit.unit_b**2 @ rates - expected
@@ -102,7 +102,7 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
         by_own = noise.reshape(rows, -1)
         Ct = np.swapaxes(C, -1, -2)
         pulled_residual = Ct @ fit.residual(part)[..., None]
-        pulled = -M[:, hard:] @ effects
+        pulled = -M[:, flat:] @ effects
         pulled[:, own] += (C @ (noise * pulled_residual)).reshape(m * r, -1)
         inner += pulled.T @ pulled
         along += pulled.T @ M
@@ -113,7 +113,7 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
         squared = (Ct @ PC) * (Ct @ C) @ noise
         information[np.ix_(own, own)] += by_own.T @ squared.reshape(rows, -1)
         # The projector P times the effects' columns of each pose, along the noise columns.
-        effect_squares = (Ct @ X[..., hard:]).reshape(rows, -1)
+        effect_squares = (Ct @ X[..., flat:]).reshape(rows, -1)
         effect_squares *= effect_squares
         across = (by_own.T @ effect_squares) @ rates
         information[own] += across
@@ -130,8 +130,8 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
 def with_priors(fit: LinearFit) -> Derivatives:
     """Return the derivatives, at `fit`, of the log-likelihood plus the logarithm of the variances' priors."""
     v, derivatives = fit.v, fit.derivatives
-    dof, spread, soft = np.array(
-        [(c.spread_dof, c.spread_variance, c.soft) for c in fit.design.components]
+    dof, spread, scale = np.array(
+        [(c.spread_dof, c.spread_variance, c.prior_scale) for c in fit.design.components]
     ).T.reshape(3, -1)
     ratio = spread / v
     # Derivatives by v of the prior of t = log(v / start) / 2.
@@ -140,7 +140,7 @@ def with_priors(fit: LinearFit) -> Derivatives:
     pull, of_scales = 0.5 * slope / v, 0.25 * precision / np.outer(v, v)
     return replace(
         derivatives,
-        score=derivatives.score + 0.5 * (dof * (ratio - 1.0) / v - 1.0 / soft) - pull,
+        score=derivatives.score + 0.5 * (dof * (ratio - 1.0) / v - 1.0 / scale) - pull,
         information=derivatives.information + of_scales + np.diag(0.5 * dof / v**2),
         curvature=derivatives.curvature
         + of_scales

@@ -199,7 +199,7 @@ class JointCorrections:
     @property
     def _effects(self) -> slice:
         """Slice that selects, from all effects of the fit, those that change joint angles."""
-        first = len(self.fit.design.soft_index)
+        first = len(self.fit.design.prior_index)
         return slice(first, first + len(self.joint_of))
 
     @property
@@ -229,7 +229,7 @@ class JointCorrections:
     def with_parameters(self, index: IntArray) -> FloatArray:
         """Return the covariance (k + c, k + c) of the k parameters at `index` (rad, m), then the c `coefficients`."""
         fit, effects = self.fit, self._effects
-        columns = np.arange(fit.design.hard, fit.design.width)[effects]
+        columns = np.arange(fit.design.flat_count, fit.design.width)[effects]
         columns = np.concatenate((fit.design.column[index], columns))
         size = np.concatenate((fit.unit[index], fit.root[effects]))
         block = fit.H_inverse[np.ix_(columns, columns)] * np.outer(size, size)

@@ -16,12 +16,12 @@ def test_correlated_pulls_keep_the_false_alarm_rate(poses, false_alarm):
     """Few poses determine sums of lengths: their pulls rise and fall together, and so do their squares."""
     stated = fit_of(session(SEED, poses=poses)).linear.stated
     test = next(t for t in pull_tests(stated, false_alarm) if t.code == "PULLS")
-    design, hard = stated.design, stated.design.hard
+    design, flat = stated.design, stated.design.flat_count
     names = [n for g in design.groups if g.source in ("lengths", "twists") for n in g.names]
     own = [k for k, name in enumerate(names) if name in design.errors.tolerance]
     assert test.statistic == pytest.approx(float((stated.pulls[own] ** 2).sum()))
     # An effect with variance 1, as predicted from data: its covariance is what the data take from that variance.
-    determined = np.eye(len(own)) - np.linalg.inv(stated.H)[np.ix_(*[[hard + k for k in own]] * 2)]
+    determined = np.eye(len(own)) - np.linalg.inv(stated.H)[np.ix_(*[[flat + k for k in own]] * 2)]
     draws = np.random.default_rng(1).multivariate_normal(np.zeros(len(own)), determined, DRAWS)
     squares = (draws**2 / np.diagonal(determined)).sum(-1)
     assert float(np.mean(squares > test.threshold)) == pytest.approx(false_alarm, rel=0.5)

@@ -69,14 +69,14 @@ class Dense:
         m, r = system.w.shape
         self.w = system.w.reshape(-1)
         A = system.A.reshape(m * r, -1)
-        self.A = A[:, design.hard_index]
+        self.A = A[:, design.flat_index]
         self.noise = np.zeros((m * r, m * r))
         S, F = np.split(design.noise_variance(v), [system.B.shape[-1]], axis=1)
         for i in range(m):
             here = slice(i * r, i * r + r)
             self.noise[here, here] = (system.B[i] * S[i]) @ system.B[i].T
             self.noise[here, here] += (system.E[i].T * F[i]) @ system.E[i]
-        Z = [A[:, design.soft_index] * design.soft_sd]
+        Z = [A[:, design.prior_index] * design.prior_sd]
         shapes = design.along_joints.at(system.angle, slice(0, m))
         for k, j in enumerate(design.along_joints.joint_of):
             Z.append((system.B[:, :, j] * shapes[:, k, None]).reshape(m * r, -1))
@@ -105,16 +105,16 @@ def test_the_fit_agrees_with_dense_matrices(design, system):
     assert fit.log_likelihood == pytest.approx(dense.log_likelihood, rel=1e-9)
     W = np.linalg.inv(dense.V)
     step = -np.linalg.solve(dense.M, dense.A.T @ W @ w)
-    assert fit.change[design.hard_index] == pytest.approx(step, rel=1e-5, abs=1e-9)
+    assert fit.change[design.flat_index] == pytest.approx(step, rel=1e-5, abs=1e-9)
     assert fit.b == pytest.approx(-dense.size * (dense.Z.T @ P @ w), rel=1e-5, abs=1e-10)
-    hard = design.hard_index
-    assert fit.covariance[np.ix_(hard, hard)] == pytest.approx(
+    flat = design.flat_index
+    assert fit.covariance[np.ix_(flat, flat)] == pytest.approx(
         np.linalg.inv(dense.M), rel=1e-5, abs=1e-14
     )
     soft = dense.Z[:, : len(SOFT)]
     size = np.diag(dense.size[: len(SOFT)])
-    of_soft = (size - size @ soft.T @ P @ soft @ size) * np.outer(design.soft_sd, design.soft_sd)
-    where = design.soft_index
+    of_soft = (size - size @ soft.T @ P @ soft @ size) * np.outer(design.prior_sd, design.prior_sd)
+    where = design.prior_index
     assert fit.covariance[np.ix_(where, where)] == pytest.approx(of_soft, rel=1e-5, abs=1e-14)
 
 
@@ -122,8 +122,8 @@ def test_repeatability_and_budget_add_up(design, system):
     v = variances(design)
     fit, dense = LinearFit(design, system, v), Dense(design, system, v)
     gain = np.linalg.solve(dense.M, dense.A.T @ np.linalg.inv(dense.V))
-    hard = design.hard_index
-    assert fit.repeatability[np.ix_(hard, hard)] == pytest.approx(
+    flat = design.flat_index
+    assert fit.repeatability[np.ix_(flat, flat)] == pytest.approx(
         gain @ dense.noise @ gain.T, rel=1e-4, abs=1e-15
     )
     budget = fit.budget()
@@ -135,14 +135,14 @@ def test_repeatability_and_budget_add_up(design, system):
     assert all((share >= 0.0).all() for share in budget.values())
     assert sum(budget.values()) == pytest.approx(np.diagonal(fit.covariance), rel=1e-6)
     lengths = dense.Z[:, :3] * np.sqrt(dense.size[:3])
-    assert budget["lengths"][hard] == pytest.approx(((gain @ lengths) ** 2).sum(-1), rel=1e-4)
-    by_pose = gain.reshape(len(hard), POSES, 5).swapaxes(0, 1)
+    assert budget["lengths"][flat] == pytest.approx(((gain @ lengths) ** 2).sum(-1), rel=1e-4)
+    by_pose = gain.reshape(len(flat), POSES, 5).swapaxes(0, 1)
     counts = np.einsum("mj,mpj->p", design.errors.joint_variance, (by_pose @ system.B) ** 2)
-    assert budget["counts"][hard] == pytest.approx(counts, rel=1e-4)
+    assert budget["counts"][flat] == pytest.approx(counts, rel=1e-4)
     measured = ((by_pose @ np.swapaxes(system.E, -1, -2)) ** 2).sum(
         0
     ) @ design.errors.endpoint_variance
-    assert budget["instrument"][hard] == pytest.approx(measured, rel=1e-4)
+    assert budget["instrument"][flat] == pytest.approx(measured, rel=1e-4)
 
 
 def test_the_score_of_added_columns_is_right(design, system):
@@ -154,7 +154,7 @@ def test_the_score_of_added_columns_is_right(design, system):
     assert s == pytest.approx(flat.T @ dense.P @ dense.w, rel=1e-6)
     assert information == pytest.approx(flat.T @ dense.P @ flat, rel=1e-6)
     # A column that is fitted already explains nothing more.
-    own, _ = fit.score(system.A[..., design.hard_index[:2]])
+    own, _ = fit.score(system.A[..., design.flat_index[:2]])
     size = np.abs(dense.A[:, :2].T @ np.linalg.inv(dense.V) @ dense.w)
     assert np.all(np.abs(own) < 1e-6 * size)
 

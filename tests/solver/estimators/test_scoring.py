@@ -76,7 +76,7 @@ GROUPS = (slice(0, 2), slice(2, 4))
 def scales_at(t: list[float], names=NAMES) -> SimpleNamespace:
     """Scales exp(t) of what moves, of the links and of the fixture's placement, of which the poses show nothing."""
     each = np.ones(len(t))
-    plain = SimpleNamespace(spread_dof=0.0, spread_variance=0.0, soft=np.inf)
+    plain = SimpleNamespace(spread_dof=0.0, spread_variance=0.0, prior_scale=np.inf)
     design = SimpleNamespace(
         scaled=each > 0, index={name: k for k, name in enumerate(names)}, components=[plain] * len(t),
         start_variances=lambda: each,

@@ -74,7 +74,7 @@ def test_play_follows_the_load_with_probability_one_half(model, q, errors):
 def test_expected_effects_are_subtracted_from_the_readings(model, q, errors):
     """Readings with the expected error close at the truth without an effect."""
     design = LinearModel(model, q, errors)
-    e = design.effects_at(np.zeros(design.width - design.hard), q)[0]
+    e = design.effects_at(np.zeros(design.width - design.flat_count), q)[0]
     assert np.abs(e).max() > 1e-5
     x = nominal_vector(model.parameters)
     u = model.initial_unsensed(x, q)
@@ -98,18 +98,18 @@ def test_without_masses_effects_are_smooth_functions(model, q, errors):
 def test_columns_equal_the_effects_on_joints_and_fixture(model, q, errors):
     design = LinearModel(model, q, errors)
     system = system_of(design, np.zeros((POSES, 5)))
-    unscaled = np.ones(design.width - design.hard)
+    unscaled = np.ones(design.width - design.flat_count)
     part = design.whiten(system, design.start_variances(), unscaled, slice(None))
     rng = np.random.default_rng(3)
-    b = rng.normal(size=design.width - design.hard)
-    b[: len(design.soft_index)] = 0.0
+    b = rng.normal(size=design.width - design.flat_count)
+    b[: len(design.prior_index)] = 0.0
     shift, deflection = design.effects_at(b, q)
     shift = shift - design.effects_at(0.0 * b, q)[0]
     expected = part.L_inverse @ (
         system.B @ shift[..., None] + np.swapaxes(system.E, -1, -2) @ deflection[..., None]
     )
     np.testing.assert_allclose(
-        part.M[..., design.hard :] @ b, expected[..., 0], rtol=1e-9, atol=1e-9
+        part.M[..., design.flat_count :] @ b, expected[..., 0], rtol=1e-9, atol=1e-9
     )
 
 

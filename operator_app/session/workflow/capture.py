@@ -16,6 +16,7 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult, verify_poses
 from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, connected_words, unwatching_words
+from operator_app.planning.exploration import waypoints
 from operator_app.planning.live import is_path_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
 from operator_app.session.safety.return_check import agreement, check_repeat
@@ -116,7 +117,7 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
     """Go home if a drive joint is outside its box; call it only if the operator has agreed."""
     away = drive_selection.joints_outside_box(session)
     if away:
-        listener.report(f"Going home at 5 deg/s: {away}.")
+        listener.report(f"Going home at 5 deg/s: {', '.join(away.values())}.")
         listener.going(None)
         listener.report(f"{drive_selection.go_home(session)}.")
 
@@ -332,7 +333,9 @@ def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[M
         x = x[columns]
     clear = known >= set(session.state.position_joints)
     candidates = poses if clear else CANDIDATES_PER_POSE * poses
-    for target in drive_selection.verification_waypoints(session, candidates):
+    # Neither the session nor an earlier verification has used this seed.
+    seed = session.procedure.capture.seed + 1 + session.state.verifications
+    for target in waypoints(drive_selection.drive_box(session), poses=candidates, seed=seed):
         q_rad = session.arm.snapshot().positions_rad
         if clear or is_path_clear(session.model, model, x, q_rad, target):
             yield target

@@ -121,16 +121,16 @@ HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
 """Speed of moves home, slow enough for a person beside the arm to react."""
 
 
-def joints_outside_box(session: Session) -> str:
-    """Return text that states which drive joints are outside the procedure's box; "" if all are inside."""
+def joints_outside_box(session: Session) -> dict[int, str]:
+    """Return text about each drive joint outside the procedure's box, by joint; empty if all are inside."""
     box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
     beyond = box.beyond_rad(q_rad)
-    return ", ".join(
-        f"joint {j} is at {REACH(float(q_rad[j - 1])).with_unit}, outside "
+    return {
+        j: f"joint {j} is at {REACH(float(q_rad[j - 1])).with_unit}, outside "
         f"{REACH(float(low)).shown} to {REACH(float(high)).with_unit}"
         for j, low, high, by in zip(box.joints, box.lower_rad, box.upper_rad, beyond, strict=True)
         if by > BOX_MARGIN_RAD
-    )
+    }
 
 
 def require_no_reset_counter(session: Session) -> None:
@@ -138,12 +138,11 @@ def require_no_reset_counter(session: Session) -> None:
 
     The operator cannot override this: with a wrong reading, the move would not end at the home of the joint.
     """
-    box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
+    q_rad = session.arm.snapshot().positions_rad
     zeros = [
         j
-        for j, by in zip(box.joints, box.beyond_rad(q_rad), strict=True)
-        if by > BOX_MARGIN_RAD
-        and abs(q_rad[j - 1]) <= RESET_COUNTER_RAD
+        for j in joints_outside_box(session)
+        if abs(q_rad[j - 1]) <= RESET_COUNTER_RAD
         and isinstance(session.model.joints[j - 1].sensor, Encoder)
     ]
     if zeros:
@@ -161,7 +160,7 @@ def require_in_box(session: Session) -> None:
     if away:
         require_no_reset_counter(session)
         raise GuardError(
-            f"the arm is outside the box of this procedure: {away}",
+            f"the arm is outside the box of this procedure: {', '.join(away.values())}",
             "move it there by hand while its drives are off, or let it go home by itself, straight and at 5 deg/s "
             "(--go-home; in the terminal app: Go home)",
         )
@@ -215,12 +214,6 @@ def waypoints_from(
     own, model = session.procedure.capture, session.model
     box = box_of(model, own, joints, home_rad=model.home_rad, start_rad=start_rad)
     return waypoints(box, poses=own.poses, seed=own.seed)
-
-
-def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, float], ...]:
-    """Return 3 * `poses` waypoints not used by the session or an earlier verification; some may be unreachable."""
-    seed = session.procedure.capture.seed + 1 + session.state.verifications
-    return waypoints(drive_box(session), poses=poses, seed=seed)
 
 
 STARTING_SYNCS = 20

@@ -9,11 +9,9 @@ from operator_app.errors import GuardError
 from operator_app.session.safety import resume_checks
 from operator_app.session.store.state import SessionState
 from operator_app.units import CHI2, POSITION, SHIFTED, SLIP_SIGMA, TURNED
-from solver.arrays import FloatArray
-from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.rotations import rotation_matrix
-from solver.chain.sensors import NoSensor
+from solver.estimators.error_model import variance_of_means
 
 FIXTURE_MOVED_M, FIXTURE_TURNED_RAD = 4e-3, float(np.deg2rad(1.0))
 """A repeated pose is refused if the fixture has moved or turned by more than this: even a slender fixture deflects less
@@ -113,12 +111,15 @@ def _check_target_again(state: SessionState, procedure: Procedure) -> str:
     model = fixture.model(arm).with_endpoints(
         measured[:, :3], rotation_matrix(measured[:, 3:]) if full else None
     )
-    x: FloatArray = np.array([p.nominal for p in model.parameters])
-    error = model.loop(x, q, np.zeros((2, 0)))
+    error = model.loop(nominal_vector(model.parameters), q, np.zeros((2, 0)))
     change = error.residual[0] - error.residual[1]
-    joints = sum(_joint_variance(arm, p.samples) for p in pair)
+    # All joints of an open arm have sensors.
+    sensor_rad2 = variance_of_means(arm, np.array([p.samples for p in pair]))
+    variance_rad2 = (sensor_rad2 + arm.backlash_rad**2).sum(axis=0)
     J = error.jac_q[0]
-    covariance = (J * joints) @ J.T + 2.0 * np.diag(fixture.endpoint_variance()[-len(change) :])
+    covariance = (J * variance_rad2) @ J.T + 2.0 * np.diag(
+        fixture.endpoint_variance()[-len(change) :]
+    )
     chi2 = float(change @ np.linalg.solve(covariance, change))
     if chi2 <= float(chdtri(len(change), resume_checks.FALSE_REFUSAL_PROBABILITY)):
         return ""
@@ -128,16 +129,4 @@ def _check_target_again(state: SessionState, procedure: Procedure) -> str:
         f"at pose {last.first.number} the target, or the tracker, has moved by "
         f"about {' and '.join(filter(None, (shifted, turned)))}",
         resume_checks.NEW_SESSION_REMEDY,
-    )
-
-
-def _joint_variance(arm: ArmModel, samples: int) -> FloatArray:
-    """Return the variance (n,), rad^2, of the mean of `samples` readings of each joint, including backlash."""
-    return np.array(
-        [
-            0.0
-            if isinstance(joint.sensor, NoSensor)
-            else joint.sensor.variance_of_mean_rad2(samples) + joint.backlash_rad**2
-            for joint in arm.joints
-        ]
     )

@@ -16,6 +16,7 @@ from operator_app.session.store.state import SessionState
 from operator_app.units import WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
 from solver.chain.sensors import NoSensor, Rvdt
 
 TURNED_RAD = float(np.deg2rad(2.0))
@@ -88,7 +89,7 @@ class SensorFaults:
         if not still or np.abs(turned_rad).max() < TURNED_RAD:
             return
         model = fixture.model(arm)
-        x: FloatArray = np.array([p.nominal for p in model.parameters])
+        x = nominal_vector(model.parameters)
         turned = turned_unread(model, x, last.mean_rad, reading.mean_rad, still)
         if turned is not None and abs(turned[1]) > TURNED_RAD:
             joint, turn = turned

@@ -48,8 +48,8 @@ def utc_now() -> datetime:
 class Journal:
     """An open, locked journal.
 
-    `created_folders`: folders that were created for this journal, the innermost first. `loss`: error that is raised
-    after the file was lost; None before.
+    `clock`: states the times of the events. `created_folders`: folders that were created for this journal, the
+    innermost first. `loss`: error that is raised after the file was lost; None before.
     """
 
     def __init__(
@@ -62,6 +62,7 @@ class Journal:
     ) -> None:
         self.path, self.created_folders = path, created_folders
         self.contents = contents
+        self.clock: Clock = utc_now
         self._descriptor = descriptor
         self._chain = contents.chain
         # All lines are kept, to write them to another folder if the file is lost.
@@ -133,14 +134,14 @@ class Journal:
             raise
         return cls(path, descriptor, contents, raw[:whole])
 
-    def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> JournalEvent:
+    def append(self, name: str, data: Mapping[str, Any]) -> JournalEvent:
         """Write one event and return once it is on disk. A failed write leaves the file as it was.
 
         A separate thread writes, so that a signal in the caller's thread cannot leave an incomplete line. Raises
         JournalLostError if another program deleted, moved, replaced or changed the file, and JournalError if the disk
         cannot be written.
         """
-        return self._writer.submit(self._append, name, data, clock).result()
+        return self._writer.submit(self._append, name, data).result()
 
     def require_intact(self, *, unchanged: bool = False) -> None:
         """Raise JournalLostError if another program deleted, moved, replaced or changed the file.
@@ -155,7 +156,7 @@ class Journal:
         if problem:
             self._writer.submit(self._raise_lost, problem, b"").result()
 
-    def _append(self, name: str, data: Mapping[str, Any], clock: Clock) -> JournalEvent:
+    def _append(self, name: str, data: Mapping[str, Any]) -> JournalEvent:
         if self.loss is not None:
             raise self.loss
         if self._broken:
@@ -164,7 +165,7 @@ class Journal:
                 "repair the disk, then resume this session and check its last entry",
             )
         event = JournalEvent(
-            seq=len(self._lines) + 1, utc=utc_in_words(clock()), name=name, data=data
+            seq=len(self._lines) + 1, utc=utc_in_words(self.clock()), name=name, data=data
         )
         line, chain = format_line(event, self._chain)
         problem = self._file_problem()

@@ -16,7 +16,7 @@ from operator_app.config.poses_file import save_poses
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
 from operator_app.session.store.folders import POSES_NAME
-from operator_app.session.store.journal import Clock, Journal
+from operator_app.session.store.journal import Journal
 from operator_app.session.store.parameters_document import parameters_document
 from operator_app.session.store.replay import apply, session_state
 from operator_app.session.store.solver_process import Solver, solve_here
@@ -39,20 +39,19 @@ class Logbook:
     true parameters of a simulated arm; None for a real arm.
     """
 
-    def __init__(self, *, journal: Journal, procedure: Procedure, clock: Clock) -> None:
+    def __init__(self, *, journal: Journal, procedure: Procedure) -> None:
         self.model: ArmModel = procedure.arm
         self.fixture: EndpointConstraint = procedure.fixture.fixture
         self.procedure = procedure
         self.journal = journal
         self.truths: Truths | None = None
-        self._clock = clock
         self.state: SessionState = session_state(
             journal.contents, joint_count=procedure.arm.joint_count
         )
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
         """Write an event to the journal, then apply it to the state."""
-        self.state = apply(self.state, self.journal.append(name, data, clock=self._clock))
+        self.state = apply(self.state, self.journal.append(name, data))
 
     def require_journal(self, *, unchanged: bool = False) -> None:
         """Raise JournalLostError if the journal file is lost; if `unchanged`, also if a line of it was changed."""

@@ -162,6 +162,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
     opening, settings = rig.opening, asdict(rig.opening.choices)
     journal = (Journal.resume if opening.resumed else Journal.create)(opening.folder)
+    journal.clock = clock
     arm, folder = rig.arm, journal.path.parent
     if isinstance(arm, Recordable) and arm.record_to and arm.record_to.parent == opening.folder:
         # `Journal.create` may have taken the next free folder name: record beside the journal.
@@ -169,10 +170,9 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
     try:
         session = Session(
             journal=journal,
-            arm=rig.arm,
+            arm=arm,
             procedure=opening.procedure,
             instrument=rig.instrument,
-            clock=clock,
         )
         session.truths = rig.truths
         if opening.resumed:

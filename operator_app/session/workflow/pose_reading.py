@@ -27,7 +27,7 @@ from operator_app.config.measured_endpoints import (
 )
 from operator_app.config.quantities import degrees_for_file
 from operator_app.config.resources import expanded
-from operator_app.errors import Cancelled, GuardError, SessionError
+from operator_app.errors import GuardError, SessionError
 from operator_app.session.safety.sensor_faults import SensorFaults, require_no_sensor_fault
 from operator_app.session.store.logbook import Logbook
 from operator_app.units import SCATTER
@@ -39,7 +39,7 @@ READINGS = 3
 READING_TIMEOUT_S = 60.0
 """Timeout of one measurement, during which a person may have to turn the target towards the instrument."""
 LINE_POLL_S = 0.1
-"""Interval at which `cancelled` is called."""
+"""Interval at which `go_on` is called."""
 SOURCES = "tcp:HOST:PORT, file:PATH (a growing CSV file) or stdin"
 
 
@@ -79,17 +79,14 @@ class Instrument:
         """Close the port. May be called twice."""
         self._port.close()
 
-    def measure(
-        self, pose: str, cancelled: Callable[[], bool] = lambda: False
-    ) -> FloatArray | None:
-        """Measure the target at the pose with the name `pose`.
+    def measure(self, pose: str, go_on: Callable[[], None] = lambda: None) -> FloatArray:
+        """Measure the target at the pose with the name `pose`; an exception that `go_on` raises ends the wait.
 
         If an earlier request for this pose was not answered in time, the new request contains a different name. A late
         answer to the earlier request is then ignored, since the arm may have moved in the meantime.
 
-        Returns position (3,), m, or position and rotation vector (6,), m and rad; None if cancelled. Raises
-        InstrumentError if the instrument does not answer or its line cannot be used, and TargetLostError if it does
-        not see the target.
+        Returns position (3,), m, or position and rotation vector (6,), m and rad. Raises InstrumentError if the
+        instrument does not answer or its line cannot be used, and TargetLostError if it does not see the target.
         """
         port = self._port
         asked, before = pose, self._unanswered[pose]
@@ -100,8 +97,7 @@ class Instrument:
         until_s = time.monotonic() + self._patience_s
         other = ""
         while True:
-            if cancelled():
-                return None
+            go_on()
             left_s = until_s - time.monotonic()
             text = port.line(min(LINE_POLL_S, max(left_s, 0.0))) or ""
             endpoint = self._read(pose, text) if text.strip() else None
@@ -153,10 +149,21 @@ def port_of(source: str) -> LinePort:
 
 
 class PoseReader:
-    """Measures the poses of one session; `recorded_latency`: host latency of this connection already in the journal."""
+    """Measures the poses of one session.
 
-    def __init__(self, logbook: Logbook, arm: ArmInterface, instrument: Instrument | None) -> None:
-        self._logbook, self._arm, self._instrument = logbook, arm, instrument
+    `go_on`: function that is called while the instrument measures, and raises Cancelled if the operator has cancelled.
+    `recorded_latency` (attribute): host latency of this connection already in the journal.
+    """
+
+    def __init__(
+        self,
+        logbook: Logbook,
+        arm: ArmInterface,
+        instrument: Instrument | None,
+        go_on: Callable[[], None],
+    ) -> None:
+        self._logbook, self._arm = logbook, arm
+        self._instrument, self._go_on = instrument, go_on
         self.sensor_faults = SensorFaults(logbook, arm)
         self.recorded_latency = NO_LATENCY
         self._rule = logbook.procedure.capture.settle
@@ -239,7 +246,7 @@ class PoseReader:
                     )
         return ""
 
-    def keep(self, name: str, data: Mapping[str, Any], cancelled: Callable[[], bool]) -> None:
+    def keep(self, name: str, data: Mapping[str, Any]) -> None:
         """Measure a pose, and record an event `name` that contains `data` and the measurement."""
         logbook = self._logbook
         if name == "pose":
@@ -248,7 +255,7 @@ class PoseReader:
         self.record_latency()
         self.sensor_faults.require_no_stuck_sensor(reading)
         what = f"{data.get('kind', '')} {data['number']}".strip()
-        endpoint = self.endpoint(what, reading, cancelled)
+        endpoint = self.endpoint(what, reading)
         placement = logbook.state.placement
         logbook.record(
             name,
@@ -273,9 +280,7 @@ class PoseReader:
             self._logbook.record("late", {"times": new, **delays})
         self.recorded_latency = late
 
-    def endpoint(
-        self, what: str, reading: Reading, cancelled: Callable[[], bool]
-    ) -> FloatArray | None:
+    def endpoint(self, what: str, reading: Reading) -> FloatArray | None:
         """Measure the endpoint at the pose of `reading`; return None if the arm is not open or has no instrument.
 
         Returns position (3,), m, or position and rotation vector (6,), m and rad. `what`: name of the pose. Raises
@@ -283,9 +288,7 @@ class PoseReader:
         """
         if self._logbook.fixture.holds_hand or self._instrument is None:
             return None
-        endpoint = self._instrument.measure(what, cancelled)
-        if endpoint is None:
-            raise Cancelled
+        endpoint = self._instrument.measure(what, self._go_on)
         turned = np.abs(self._arm.snapshot().positions_rad - reading.mean_rad)
         if np.any(turned > self._rule.spread_rad(self._logbook.model)):
             raise GuardError(

@@ -40,7 +40,7 @@ from operator_app.planning.task import fixed_parameter_checks
 from operator_app.session.safety.preflight import require_plausible_readings
 from operator_app.session.safety.resume_checks import check_counters, check_identity
 from operator_app.session.safety.sensor_faults import require_no_sensor_fault
-from operator_app.session.store.journal import Clock, Journal, utc_now
+from operator_app.session.store.journal import Journal
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import CapturedPose, CheckReading
 from operator_app.session.workflow.pose_reading import Instrument, PoseReader
@@ -64,11 +64,10 @@ class Session(Logbook):
         arm: ArmInterface,
         procedure: Procedure,
         instrument: Instrument | None = None,
-        clock: Clock = utc_now,
     ) -> None:
-        super().__init__(journal=journal, procedure=procedure, clock=clock)
+        super().__init__(journal=journal, procedure=procedure)
         self.arm = arm
-        self.reader = PoseReader(self, arm, instrument)
+        self.reader = PoseReader(self, arm, instrument, self.raise_if_cancelled)
         self.identity: ArmIdentity | None = None
         self.cancelled: Callable[[], bool] = lambda: False
         self.instruct: Callable[[str], None] = lambda _: None
@@ -197,7 +196,7 @@ class Session(Logbook):
         reading = self.arm.capture(self.procedure.capture.samples_per_pose)
         what = f"standing {self.state.captured}"
         self.unresolved_joints = require_plausible_readings(
-            self, reading, lambda: self.reader.endpoint(what, reading, self.cancelled)
+            self, reading, lambda: self.reader.endpoint(what, reading)
         )
         self._readings_checked = True
 
@@ -273,7 +272,7 @@ class Session(Logbook):
 
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:
         self.check_modes(self.state.position_joints)
-        self.reader.keep(name, data, self.cancelled)
+        self.reader.keep(name, data)
 
     # -- end -------------------------------------------------------------------------------------
 

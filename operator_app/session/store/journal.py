@@ -10,9 +10,9 @@ import errno
 import fcntl
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from itertools import zip_longest
 from pathlib import Path
@@ -86,7 +86,7 @@ class Journal:
             with problem, suppress(FileExistsError):
                 folder.mkdir(parents=True, exist_ok=True)
                 descriptor = create_file(path)
-                lock(descriptor, path)
+                _lock(descriptor, path)
                 fsync_folder(folder)
                 contents = JournalContents(events=(), file=str(path))
                 return cls(path, descriptor, contents, b"", created_folders)
@@ -112,7 +112,7 @@ class Journal:
                     "make the folder and its files writable, or resume a copy of it in a folder that is; "
                     "`sarcal report` reads it as it is",
                 ) from error
-        lock(descriptor, path)
+        _lock(descriptor, path)
         try:
             with os_errors_as_journal_errors(
                 f"cannot write {path}", "free space or repair the disk"
@@ -292,7 +292,22 @@ def is_in_use(folder: Path) -> bool:
     return False
 
 
-def lock(descriptor: int, path: Path) -> None:
+@contextmanager
+def locked(path: Path, access: int = os.O_RDONLY) -> Iterator[None]:
+    """Context in which no other process uses a journal; raises `JournalError` if one does, or it cannot be opened.
+
+    `access`: how the journal is opened; on some file systems, only a journal opened for writing can be locked.
+    """
+    with os_errors_as_journal_errors(f"cannot open {path}", "name another folder"):
+        descriptor = os.open(path, access | os.O_NONBLOCK | os.O_CLOEXEC)
+    _lock(descriptor, path)
+    try:
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _lock(descriptor: int, path: Path) -> None:
     """Lock a journal, or close it and raise `JournalError` if another process has locked it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from operator_app.session.store.events import event_problem, joint_count_in
-from operator_app.session.store.journal import lock, utc_now
+from operator_app.session.store.journal import locked, utc_now
 from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     BadLineError,
@@ -79,28 +79,23 @@ def repair_journal(folder: Path) -> RepairResult:
     path = folder / JOURNAL_NAME
     *complete, rest = read_bytes(path).split(b"\n")
     require_own_format(complete, rest, path)
-    descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC)
-    lock(descriptor, path)
     remedy = "free space, or copy the folder to one with write permission"
-    try:
-        with os_errors_as_journal_errors(f"cannot repair {path}", remedy):
-            lines, torn = examine_lines(read_bytes(path))
-            events = [line.event for line in lines if line.event is not None]
-            aside = None
-            if any(line.words for line in lines):
-                aside = timestamped_path(path, "damaged")
-                found = [line for line in lines if line.words]
-                data = {
-                    "original": aside.name,
-                    "lost": [line.number for line in found if line.event is None],
-                    "restored": [line.number for line in found if line.event is not None],
-                }
-                utc = utc_in_words(utc_now())
-                events.append(JournalEvent(seq=0, utc=utc, name="repaired", data=data))
-                _replace_journal(path, aside, events)
-            state = session_state(JournalContents(events=_numbered(events), file=str(path)))
-    finally:
-        os.close(descriptor)
+    problem = os_errors_as_journal_errors(f"cannot repair {path}", remedy)
+    with locked(path, os.O_RDWR), problem:
+        lines, torn = examine_lines(read_bytes(path))
+        events = [line.event for line in lines if line.event is not None]
+        aside = None
+        if found := [line for line in lines if line.words]:
+            aside = timestamped_path(path, "damaged")
+            data = {
+                "original": aside.name,
+                "lost": [line.number for line in found if line.event is None],
+                "restored": [line.number for line in found if line.event is not None],
+            }
+            utc = utc_in_words(utc_now())
+            events.append(JournalEvent(seq=0, utc=utc, name="repaired", data=data))
+            _replace_journal(path, aside, events)
+        state = session_state(JournalContents(events=_numbered(events), file=str(path)))
     return RepairResult(folder=folder, aside=aside, lines=lines, torn=torn, state=state)
 
 

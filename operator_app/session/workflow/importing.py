@@ -4,7 +4,6 @@ Report, compare, verify and export work with such sessions; only resuming with a
 """
 
 import math
-import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -21,7 +20,7 @@ from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.resources import Resource
 from operator_app.errors import JournalError
 from operator_app.session.store.folders import new_folder, next_order
-from operator_app.session.store.journal import Clock, lock, read_journal, utc_now
+from operator_app.session.store.journal import Clock, locked, read_journal, utc_now
 from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     JournalEvent,
@@ -154,10 +153,7 @@ class ImportedSession:
         - It cannot be read, or is in use.
         """
         path = folder / JOURNAL_NAME
-        with os_errors_as_journal_errors(f"cannot open {path}", "name another folder"):
-            descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        lock(descriptor, path)
-        try:
+        with locked(path):
             existing = read_journal(folder).events
             names = {event.name for event in existing}
             if "imported" not in names or not names <= REPRODUCIBLE_EVENTS:
@@ -175,8 +171,6 @@ class ImportedSession:
                 # Removed before the journal is replaced: no file of the old calibration is ever beside the new journal.
                 (folder / name).unlink(missing_ok=True)
             write_atomically(path, b"".join(lines))
-        finally:
-            os.close(descriptor)
 
     def _record(self, name: str, data: Mapping[str, Any]) -> None:
         utc = utc_in_words(self._clock())

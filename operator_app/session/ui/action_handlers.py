@@ -11,7 +11,7 @@ from operator_app.session.store.folders import SessionEntry
 from operator_app.session.ui import guards
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
-from operator_app.session.ui.user_interface import ActionContext, OneOf, Typed, YesNo
+from operator_app.session.ui.user_interface import ActionContext, OneOf, Typed
 from operator_app.session.workflow.remounting import remounting_steps
 from operator_app.units import MOVED, joints_named, names, others_free
 
@@ -28,17 +28,15 @@ def task(
 def connect(context: ActionContext) -> None:
     """Connect; before the first pose of a later placement, ask first whether the fixture is mounted."""
     state = context.s.state
-    connect_mounted = task(TaskKind.CONNECT, lambda o: o.connect_mounted())
-    if not state.unconfirmed_placement:
-        context.submit(TaskKind.CONNECT, lambda o: o.connect())
-    elif context.s.simulated:
-        connect_mounted(context)
+    work = task(TaskKind.CONNECT, lambda o: o.connect())
+    if context.s.simulated or not state.unconfirmed_placement:
+        work(context)
     else:
         confirmation = (
             f"Placement {state.placement} has no pose yet. Is the {context.s.procedure.fixture.name} mounted, the "
             "loop closed, and nobody within reach of the arm?"
         )
-        context.confirm("Is the fixture mounted?", confirmation, "Mounted", connect_mounted)
+        context.confirm("Is the fixture mounted?", confirmation, "Mounted", work)
 
 
 def manual(context: ActionContext) -> None:
@@ -273,8 +271,7 @@ def new_session(context: ActionContext) -> None:
     """Start another session, after confirmation."""
     interface = context.interface
     text = f"This session is closed and kept{_held(context.s)}, and a new session starts at step 1."
-    question = YesNo(title="New session?", text=text, yes="Start")
-    interface.ask(question, lambda _: interface.open(interface.sessions.new))
+    context.confirm("New session?", text, "Start", lambda _: interface.open(interface.sessions.new))
 
 
 def remount(context: ActionContext) -> None:
@@ -286,5 +283,7 @@ def remount(context: ActionContext) -> None:
         "The drives are still on. Releasing the arm switches them off, and nothing commands the arm then. Leave "
         f"its controller on, so that no counter is reset.\n{steps}"
     )
-    question = YesNo(title="Remount the fixture?", text=text, yes="Release the arm")
-    interface.ask(question, lambda _: interface.open(interface.sessions.remounted))
+    resume_remounted = interface.sessions.remounted
+    context.confirm(
+        "Remount the fixture?", text, "Release the arm", lambda _: interface.open(resume_remounted)
+    )

@@ -50,13 +50,12 @@ class Operations(CalibrationOperations):
 
     # -- 1 Connect, 2 Fixture ----------------------------------------------------------------------
 
-    def connect_mounted(self) -> None:
-        """Record the operator's confirmation that the fixture is mounted, then connect."""
-        self._session.mounted()
-        self.connect()
-
     def connect(self) -> None:
-        """Connect to the arm, check it, and check the fixture at the current pose."""
+        """Connect to the arm, check it, and check the fixture at the current pose.
+
+        First records, if a mounting must be confirmed, that the fixture is mounted: the operator has been asked.
+        """
+        self._session.mounted()
         self._session.release_holding()
         self._publish(identity=None)
         try:

@@ -6,6 +6,7 @@ The guard of an action is checked when the action is chosen, and again when its 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
@@ -136,8 +137,8 @@ class Entry:
     shown: str
     label: str
     help: str
-    steps: frozenset[Step] = EVERYWHERE
-    footer: frozenset[Step] = frozenset()
+    steps: AbstractSet[Step] = EVERYWHERE
+    footer: AbstractSet[Step] = frozenset()
     offered: Callable[[SessionSnapshot], bool] = lambda _: True
 
 

@@ -67,8 +67,7 @@ def story() -> Mapping[str, SessionSnapshot]:
     with TemporaryDirectory() as root:
         arm = StaticArm(procedure, "datasheet")
         session = opened(Path(root) / "session", arm, procedure, clock=clock)
-        bus = "the virtual bus of this program"
-        runner = Runner(session, simulated=True, bus=bus, monotonic=lambda: NOW_S, clock=clock)
+        runner = Runner(session, monotonic=lambda: NOW_S, clock=clock)
 
         def record(name: str) -> None:
             pictures[name] = _reproducible(runner.snapshot())

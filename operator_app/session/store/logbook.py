@@ -39,12 +39,13 @@ class Logbook:
     true parameters of a simulated arm; None for a real arm.
     """
 
-    def __init__(self, *, journal: Journal, procedure: Procedure) -> None:
+    def __init__(
+        self, journal: Journal, procedure: Procedure, truths: Truths | None = None
+    ) -> None:
         self.model: ArmModel = procedure.arm
         self.fixture: EndpointConstraint = procedure.fixture.fixture
         self.procedure = procedure
-        self.journal = journal
-        self.truths: Truths | None = None
+        self.journal, self.truths = journal, truths
         self.state: SessionState = session_state(
             journal.contents, joint_count=procedure.arm.joint_count
         )

@@ -58,8 +58,6 @@ class Runner:
     """Runs a session for a user interface.
 
     Only the worker thread calls the session, except for `ArmInterface.stop` and `ArmInterface.snapshot`.
-    `simulated`: whether the arm is simulated. `bus`: name of the bus, for texts to the operator.
-    `recording_ended`: function that returns why a recording of the bus ended early, "" if it did not.
     `monotonic`: clock for the age of data, s. `clock`: clock for the times of messages, UTC.
     """
 
@@ -67,9 +65,6 @@ class Runner:
         self,
         session: Session,
         *,
-        simulated: bool,
-        bus: str,
-        recording_ended: Callable[[], str] = str,
         monotonic: Callable[[], float] = time.monotonic,
         clock: Clock = utc_now,
     ) -> None:
@@ -84,7 +79,7 @@ class Runner:
         self._current: _Job | None = None
         self._closing = threading.Event()
         self._publishing = threading.Lock()
-        self.supervisor = Supervisor(self, recording_ended, monotonic)
+        self.supervisor = Supervisor(self, monotonic)
         self._data_at_s = self._polled_s = monotonic()
         self.defect: BaseException | None = None
         self._base = SessionSnapshot(
@@ -92,8 +87,8 @@ class Runner:
             procedure=session.procedure,
             folder=session.journal.path.parent,
             state=session.state,
-            simulated=simulated,
-            bus=bus,
+            simulated=session.rig.simulated,
+            bus=session.rig.bus,
             mobility=session.mobility,
             estimator=session.procedure.estimator,
             unsensed_joints=session.procedure.unsensed_joints,

@@ -134,12 +134,9 @@ class Sessions:
     def _open(self, opening: Opening, closing_reason: str) -> Runner:
         """Open a session, then close the previous one (the journal records `closing_reason`); return the new runner."""
         with ExitStack() as stack:
-            rig = stack.enter_context(self._join(opening))
-            session = open_session(rig)
+            session = open_session(stack.enter_context(self._join(opening)))
             stack.callback(session.journal.close)
-            runner = Runner(
-                session, simulated=rig.simulated, bus=rig.bus, recording_ended=rig.recording_ended
-            )
+            runner = Runner(session)
             opened = stack.pop_all()
         self.close(closing_reason)
         if self._warning:

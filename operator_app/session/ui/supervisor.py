@@ -142,12 +142,10 @@ class Supervisor:
     `reported_stop`: why the arm stopped by itself, according to the last snapshot; "" if it did not.
     """
 
-    def __init__(
-        self, runner: Runner, recording_ended: Callable[[], str], monotonic: Callable[[], float]
-    ) -> None:
+    def __init__(self, runner: Runner, monotonic: Callable[[], float]) -> None:
         self._runner, self._monotonic, session = runner, monotonic, runner.session
         self._motion = MotionMonitor(session.model, session.procedure.capture)
-        self._recording_ended, self._recording_reported = recording_ended, ""
+        self._recording_reported = ""
         self._lateness = LatenessReporter()
         self._lost = False
         self._stopped_at_s: float | None = None
@@ -217,7 +215,7 @@ class Supervisor:
 
     def recording_problem(self) -> str:
         """Return why a recording of the bus ended early; "" if it did not, or if that was already reported."""
-        problem, before = self._recording_ended(), self._recording_reported
+        problem, before = self._runner.session.rig.recording_ended(), self._recording_reported
         self._recording_reported = problem
         return "" if problem == before else problem[:1].upper() + problem[1:]
 

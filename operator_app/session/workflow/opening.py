@@ -168,13 +168,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
         # `Journal.create` may have taken the next free folder name: record beside the journal.
         arm.record_to = folder / arm.record_to.name
     try:
-        session = Session(
-            journal=journal,
-            arm=arm,
-            procedure=opening.procedure,
-            instrument=rig.instrument,
-        )
-        session.truths = rig.truths
+        session = Session(rig, journal)
         if opening.resumed:
             session.record("resumed", {"settings": settings})
         else:

@@ -15,7 +15,6 @@ from fixtures.setup_checks import setup_checks
 from hardware.arm import (
     NO_LATENCY,
     ArmIdentity,
-    ArmInterface,
     ArmSnapshot,
     JointMode,
     MoveResult,
@@ -25,7 +24,6 @@ from hardware.arm import (
 from hardware.control.trajectory import coming_to_rest_s
 from hardware.errors import HardwareError
 from operator_app.calibration.experiment import FixtureRefusedError
-from operator_app.config.procedure import Procedure
 from operator_app.errors import (
     Cancelled,
     DrivesNotOffError,
@@ -43,31 +41,25 @@ from operator_app.session.safety.sensor_faults import require_no_sensor_fault
 from operator_app.session.store.journal import Journal
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import CapturedPose, CheckReading
-from operator_app.session.workflow.pose_reading import Instrument, PoseReader
+from operator_app.session.workflow.opening import Rig
+from operator_app.session.workflow.pose_reading import PoseReader
 from operator_app.session.workflow.remounting import require_mounted
 
 
 class Session(Logbook):
     """A calibration session on one arm.
 
-    `reader`: measures the poses.
+    `rig`: the arm and what belongs to it. `reader`: measures the poses.
     `cancelled`: function that returns whether the operator has cancelled; called during moves and measurements.
     `instruct`: function that shows instructions to the person who moves the arm by hand.
     `unresolved_joints`: joints (1-based) for which the last check of the readings could not have detected a shift.
     `held`: whether the arm confirmed, at the last `release_holding`, that no drive follows commands any longer.
     """
 
-    def __init__(
-        self,
-        *,
-        journal: Journal,
-        arm: ArmInterface,
-        procedure: Procedure,
-        instrument: Instrument | None = None,
-    ) -> None:
-        super().__init__(journal=journal, procedure=procedure)
-        self.arm = arm
-        self.reader = PoseReader(self, arm, instrument, self.raise_if_cancelled)
+    def __init__(self, rig: Rig, journal: Journal) -> None:
+        super().__init__(journal, rig.opening.procedure, rig.truths)
+        self.rig, self.arm = rig, rig.arm
+        self.reader = PoseReader(self, rig.arm, rig.instrument, self.raise_if_cancelled)
         self.identity: ArmIdentity | None = None
         self.cancelled: Callable[[], bool] = lambda: False
         self.instruct: Callable[[str], None] = lambda _: None

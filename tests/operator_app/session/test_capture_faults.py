@@ -153,7 +153,7 @@ def test_repaired_sensor_needs_the_first_pose_repeated(session):
     take_poses(session, Listener(), (1, 5))
     failed = Fault(node=3, joint=3, code=0x7305, text="angle sensor failed", sync_count=9)
     session.arm.reported = (failed,)
-    runner = Runner(session, simulated=True, bus="none")
+    runner = Runner(session)
     runner.operations.reset()
     assert "angle sensor failed" in may_remount(runner.snapshot())
     runner.close("end")

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -25,7 +26,7 @@ def runner(source):
 
 @pytest.fixture
 def arm(source, runner):
-    runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
+    runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect)
     finish(runner)
     assert source.arm is not None
     return source.arm
@@ -80,7 +81,7 @@ def test_a_finished_task_is_not_shown_as_running(make_session):
             done.wait(0.05)
         return time.monotonic()
 
-    runner = Runner(make_session(short_procedure(3)), simulated=True, bus="none", monotonic=clock)
+    runner = Runner(make_session(short_procedure(3)), monotonic=clock)
     for k in range(3):
         done.clear()
         runner.submit(TaskKind.CONNECT, f"job {k}", done.set)
@@ -165,7 +166,7 @@ def test_an_unwatched_motion_is_ended(make_session):
     """A screen on a terminal that is no longer read accepts no key that stops."""
     now_s = [0.0]
     session = make_session(short_procedure(3))
-    runner = Runner(session, simulated=True, bus="none", monotonic=lambda: now_s[0])
+    runner = Runner(session, monotonic=lambda: now_s[0])
     work = Task(runner.cancelled)
     runner.submit(TaskKind.MOVE, "moving", work)
     assert work.begun.wait(PATIENCE_S)
@@ -184,12 +185,13 @@ def test_a_crashed_thread_stops_the_arm_and_is_reported(source):
     def broken() -> str:
         raise ZeroDivisionError
 
-    session = source.new().session
-    runner = Runner(session, simulated=True, bus="none", recording_ended=broken)
+    runner = source.new()
+    sound = runner.session.rig
+    runner.session.rig = replace(sound, recording_ended=broken)
     until(lambda: runner.defect is not None)
     assert isinstance(runner.defect, ZeroDivisionError)
     assert source.arm.stops
-    runner.close("end of the test")
+    runner.session.rig = sound
 
 
 def test_the_shown_plan_is_the_one_that_was_begun(runner, work):
@@ -267,7 +269,7 @@ def test_concurrent_tasks_run_in_order_and_can_be_ended(make_session):
         return time.monotonic()
 
     first = threading.Thread(target=lambda: runner.submit(TaskKind.MOVE, "the first", work))
-    runner = Runner(make_session(short_procedure(3)), simulated=True, bus="none", monotonic=clock)
+    runner = Runner(make_session(short_procedure(3)), monotonic=clock)
     work = Task(runner.cancelled)
     first.start()
     until(lambda: len(runner._waiting_jobs) > 0)
@@ -286,7 +288,7 @@ def test_resuming_marks_the_drive_joints_of_the_session(make_session):
     session.set_modes((1, 4))
     session.close("done")
     resumed = make_session(short_procedure(3), resume=True)
-    runner = Runner(resumed, simulated=True, bus="none")
+    runner = Runner(resumed)
     assert runner.snapshot().selected_joints == (1, 4)
     runner.close("end of the test")
 

@@ -116,8 +116,9 @@ def test_an_unsensed_joint_is_ignored():
 
 def supervised(picture: SessionSnapshot) -> tuple[StaticRunner, Supervisor]:
     runner = StaticRunner(picture)
-    runner.session = SimpleNamespace(model=PROCEDURE.arm, procedure=PROCEDURE)
-    return runner, Supervisor(runner, lambda: "", lambda: runner.picture.now_s)
+    rig = SimpleNamespace(recording_ended=str)
+    runner.session = SimpleNamespace(model=PROCEDURE.arm, procedure=PROCEDURE, rig=rig)
+    return runner, Supervisor(runner, lambda: runner.picture.now_s)
 
 
 def alarms_after(

@@ -31,7 +31,6 @@ from operator_app.session.store.journal_format import (
     os_errors_as_journal_errors,
     parse_journal,
     read_bytes,
-    require_regular,
     timestamped_path,
     utc_in_words,
     write_new_file,
@@ -117,13 +116,12 @@ class Journal:
             with os_errors_as_journal_errors(
                 f"cannot write {path}", "free space or repair the disk"
             ):
-                require_regular(descriptor, path)
+                raw = read_bytes(path)
                 if path.is_symlink():
                     raise JournalForeignError(
                         f"{path} is a symbolic link to a file in another folder",
                         f"name that session, {path.resolve().parent}",
                     )
-                raw = read_bytes(path)
                 contents, whole = parse_journal(raw, path), raw.rfind(b"\n") + 1
                 if contents.torn:
                     write_new_file(timestamped_path(path, "torn"), raw[whole:])

@@ -202,19 +202,10 @@ def first_event(path: Path) -> JournalEvent | None:
 def _open_regular(path: Path) -> BinaryIO:
     # O_NONBLOCK: opening a pipe must not wait for its writer.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    try:
-        require_regular(descriptor, path)
-    except JournalForeignError:
-        os.close(descriptor)
-        raise
-    return os.fdopen(descriptor, "rb")
-
-
-def require_regular(descriptor: int, path: Path) -> None:
-    """Raise JournalForeignError for anything but a regular file."""
     mode = os.fstat(descriptor).st_mode
     if stat.S_ISREG(mode):
-        return
+        return os.fdopen(descriptor, "rb")
+    os.close(descriptor)
     kinds = ((stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"))
     kind = next((description for is_kind, description in kinds if is_kind(mode)), "a device")
     raise JournalForeignError(

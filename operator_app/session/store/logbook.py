@@ -129,10 +129,7 @@ class Logbook:
     def record_solution(self, solution: Solution) -> None:
         """Record a solution from the used poses; raises JournalLostError if the journal has changed."""
         self.require_journal(unchanged=True)
-        data = solution_data(
-            solution, self.state, length_tolerance_m=self.procedure.length_tolerance_m
-        )
-        self.record("solved", data)
+        self.record("solved", solution_data(solution, self.state, self.procedure))
 
     def check(self, solution: Solution, solver: Solver = solve_here) -> Checks:
         """Cross-validate `solution`, which must be the last recorded one, and record the result."""

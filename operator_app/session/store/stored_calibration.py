@@ -119,15 +119,13 @@ def with_checks(
     )
 
 
-def solution_data(
-    solution: Solution, state: SessionState, *, length_tolerance_m: float | None
-) -> dict[str, Any]:
-    """Return the data of a `solved` event; `length_tolerance_m`: as in the procedure with which `solution` was made."""
+def solution_data(solution: Solution, state: SessionState, procedure: Procedure) -> dict[str, Any]:
+    """Return the data of a `solved` event; `procedure`: that with whose `length_tolerance_m` `solution` was made."""
     estimate, condition = solution.estimate, solution.identifiability.scaled_condition_number
     return {
         "estimator": estimate.estimator,
         "unsensed_joints": list(solution.model.unsensed_joints),
-        "length_tolerance_m": length_tolerance_m,
+        "length_tolerance_m": procedure.length_tolerance_m,
         "poses": [p.number for p in state.used_poses],
         "rereads": len(state.rereads),
         "parameters": estimate.values_by_name,

@@ -106,8 +106,7 @@ class ImportedSession:
 
     def add(self, solution: Solution, checks: Checks | None) -> None:
         """Record a solution computed from this session's poses, and the `checks` of its cross-validation, if any."""
-        tolerance = self.procedure.length_tolerance_m
-        self._record("solved", solution_data(solution, self.state, length_tolerance_m=tolerance))
+        self._record("solved", solution_data(solution, self.state, self.procedure))
         if checks is not None:
             self._record("checked", {"record": to_dict(checks)})
 

@@ -62,7 +62,7 @@ def test_an_infinite_condition_number_is_stored(session, procedure):
     stored = replace(
         stored, identifiability=replace(stored.identifiability, scaled_condition_number=math.inf)
     )
-    data = solution_data(stored, session.state, length_tolerance_m=None)
+    data = solution_data(stored, session.state, session.procedure)
     session.journal.append("solved", data)
     again = session_calibration(from_the_file(session), procedure)
     assert again.recalculated_because == ""

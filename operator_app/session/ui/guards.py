@@ -29,6 +29,11 @@ def all_of(*guards: Guard) -> Guard:
     return lambda s: next(filter(None, (guard(s) for guard in guards)), "")
 
 
+def unless(allowed: Callable[[SessionSnapshot], object], reason: str) -> Guard:
+    """Return a guard that returns `reason` unless `allowed` returns something true."""
+    return lambda s: "" if allowed(s) else reason
+
+
 def missing_for(step: Step, s: SessionSnapshot) -> str:
     """Return the reason why a step cannot be opened; "" if it can."""
     return "" if step is Step.CONNECT else _STEPS[step](s)
@@ -144,20 +149,13 @@ def may_use_data(s: SessionSnapshot) -> str:
 
 may_check_fixture = all_of(idle, may_use_data)
 
-
-def may_tick_all(s: SessionSnapshot) -> str:
-    """Return why ticking all items at once is refused; "" for a simulated arm."""
-    return "" if s.simulated else "on a real arm the items are checked and ticked one at a time"
-
-
-def may_suggest(s: SessionSnapshot) -> str:
-    """Return why drive joints cannot be suggested; "" if they have been ranked, which connecting does."""
-    return "" if s.ranked else "no ranking yet: connect first (step 1)"
-
-
-def may_apply_modes(s: SessionSnapshot) -> str:
-    """Return why applying modes is refused; "" if Modes is open, data are fresh and the selected joints are valid."""
-    return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.selected_joints)
+may_tick_all = unless(
+    lambda s: s.simulated, "on a real arm the items are checked and ticked one at a time"
+)
+may_suggest = unless(lambda s: s.ranked, "no ranking yet: connect first (step 1)")
+may_apply_modes = all_of(
+    idle, modes_ready, may_use_data, lambda s: modes_problem(s, s.selected_joints)
+)
 
 
 def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> str:
@@ -173,18 +171,9 @@ def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> str:
 
 may_go_home = all_of(idle, capture_ready, may_use_data)
 ALL_VISITED = "all waypoints of the plan are visited"
-
-
-def may_move(s: SessionSnapshot) -> str:
-    """Return why moving is refused; "" if Capture is open, data are fresh and a waypoint is unvisited."""
-    return may_go_home(s) or (ALL_VISITED if s.next_waypoint is None else "")
-
-
-def may_go_best(s: SessionSnapshot) -> str:
-    """Return why moving to the most informative waypoint is refused; "" if there is one and moving is allowed."""
-    if s.best_waypoint is None:
-        return "no best pose yet: it needs an estimate from a few poses"
-    return may_move(s)
+may_move = all_of(may_go_home, unless(lambda s: s.next_waypoint is not None, ALL_VISITED))
+_NO_BEST = "no best pose yet: it needs an estimate from a few poses"
+may_go_best = all_of(unless(lambda s: s.best_waypoint is not None, _NO_BEST), may_move)
 
 
 def may_capture(s: SessionSnapshot) -> str:
@@ -231,9 +220,10 @@ def may_remount(s: SessionSnapshot) -> str:
     return left if poses_left > 0 else ""
 
 
-def may_edit_pose(s: SessionSnapshot) -> str:
-    """Return why undoing, noting and excluding are refused; "" if there is a pose."""
-    return idle(s) or ("" if s.state.poses else "there is no pose yet: capture one first")
+may_edit_pose = all_of(
+    idle, unless(lambda s: s.state.poses, "there is no pose yet: capture one first")
+)
+"""Undoing, noting and excluding need a pose."""
 
 
 def may_calibrate(s: SessionSnapshot) -> str:
@@ -274,15 +264,7 @@ def serial_number(s: SessionSnapshot) -> str:
     return s.state.serial_number if s.identity is None else s.identity.serial_number
 
 
-def may_show_history(s: SessionSnapshot) -> str:
-    """Return why the history cannot be shown; "" if the serial number of the arm is known."""
-    return "" if serial_number(s) else "the arm is not known: connect first (step 1)"
-
-
-def may_verify(s: SessionSnapshot) -> str:
-    """Return why verifying is refused; "" if a calibration is loaded and the modes are set or can be applied."""
-    missing = idle(s) or results_ready(s) or may_use_data(s)
-    return missing or ("" if in_modes(s) else may_apply_modes(s))
+may_show_history = unless(serial_number, "the arm is not known: connect first (step 1)")
 
 
 def in_modes(s: SessionSnapshot) -> bool:
@@ -290,14 +272,18 @@ def in_modes(s: SessionSnapshot) -> bool:
     return s.drives_ready and len(s.state.position_joints) == s.mobility
 
 
+may_verify = all_of(
+    idle, results_ready, may_use_data, lambda s: "" if in_modes(s) else may_apply_modes(s)
+)
+"""Verifying needs a calibration, and modes that are set or can be applied."""
+
+
 def needs_reset(s: SessionSnapshot) -> bool:
     """Whether STOP is latched or a drive has a fault."""
     return s.stopped or bool(s.drive_faults) or (s.arm is not None and bool(s.arm.faults))
 
 
-def may_reset(s: SessionSnapshot) -> str:
-    """Return why a reset is refused; "" if STOP is latched or a drive has a fault."""
-    return idle(s) if needs_reset(s) else "STOP is not latched"
+may_reset = all_of(unless(needs_reset, "STOP is not latched"), idle)
 
 
 def stops_on_any_key(task: RunningTask | None) -> bool:

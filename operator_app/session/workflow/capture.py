@@ -97,10 +97,13 @@ def take_poses(
             drift_check.repeat_nearest_pose_if_unresolved()
         if session.state.resumed:  # no pose has been repeated yet
             drift_check.repeat_first_pose_and_come_back()
-    elif missing and drift_check.last_repeat_differs():
-        drift_check.repeat_first_pose_and_come_back(suspect=True)
-        # If the first pose could not be measured again now, the earlier repeat decides.
-        check_repeat(session.state, session.procedure, refuse=True)
+    elif missing and session.state.here.repeated_since_capture:
+        try:
+            check_repeat(session.state, session.procedure, refuse=True)
+        except GuardError:
+            drift_check.repeat_first_pose_and_come_back(suspect=True)
+            # If the first pose could not be measured again now, the earlier repeat decides.
+            check_repeat(session.state, session.procedure, refuse=True)
     if planned is None:
         if not session.state.repeated_since_capture:
             # The last pose may have been captured by hand, without this check.
@@ -211,17 +214,6 @@ class _DriftCheck:
                 f"Pose {state.poses_here[0].number} is unchanged; the calibration decides whether pose {number} is "
                 "an outlier."
             )
-
-    def last_repeat_differs(self) -> bool:
-        """Whether the last repeated pose shows a shift; False if none was repeated since the last capture."""
-        state = self.session.state.here
-        if not state.repeated_since_capture:
-            return False
-        try:
-            check_repeat(state, self.session.procedure, refuse=True)
-        except GuardError:
-            return True
-        return False
 
     def repeat_first_pose_and_come_back(self, *, suspect: bool = False) -> None:
         """Repeat the first pose, then move the arm back to its present position.

@@ -1,6 +1,6 @@
 """Computes the session state from journal events alone, one event after the other."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -27,9 +27,27 @@ def order_of(opened: Mapping[str, Any]) -> int:
     return order if type(order) is int and 0 < order < MOST_WHOLE else 0
 
 
+FIELDS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
+    "imported": lambda data: {"imported": data["file"], "serial_number": data["serial_number"]},
+    "modes": lambda data: {"modes": tuple(map(JointMode, data["modes"]))},
+    "drives_chosen": lambda data: {
+        "drives": tuple(data["drives"]),
+        "drive_sets": tuple(map(tuple, data["sets"])),
+    },
+    "campaign": lambda data: {"campaign": CampaignLog(begun=dict(data))},
+    "checked": lambda data: {"checks": data["record"]},
+    "exported": lambda data: {"exported": dict(data)},
+    "return_missed": lambda data: {"missed_repeat": data.get("reason", "")},
+    "return_holds": lambda _: {"sensor_jump": "", "resumed": False},
+}
+"""Fields of the state, as functions of the data, of the events whose effect does not depend on the state before."""
+
+
 def apply(state: SessionState, event: JournalEvent) -> SessionState:
     """Return the state after one event; unknown events (from a newer version) change nothing."""
     name, data, utc = event.name, event.data, event.utc
+    if name in FIELDS:
+        return replace(state, **FIELDS[name](data))
     match name:
         case "opened":
             return replace(
@@ -42,8 +60,6 @@ def apply(state: SessionState, event: JournalEvent) -> SessionState:
         case "resumed":
             settings = {**state.settings, **data["settings"]}
             return replace(_with_skipped_open(state), resumed=True, settings=settings)
-        case "imported":
-            return replace(state, imported=data["file"], serial_number=data["serial_number"])
         case "connected":
             serials = {n["node"]: n["serial_number"] for n in data.get("nodes", ())}
             return replace(
@@ -59,8 +75,6 @@ def apply(state: SessionState, event: JournalEvent) -> SessionState:
             start = frozen(data["start_rad"])
             home = frozen(data.get("home_rad", data["start_rad"]))
             return replace(state, start_rad=start, home_rad=home)
-        case "modes":
-            return replace(state, modes=tuple(map(JointMode, data["modes"])))
         case "waypoint_skipped":
             waypoint = data["waypoint"]
             return replace(
@@ -93,8 +107,10 @@ def apply(state: SessionState, event: JournalEvent) -> SessionState:
             return _with_other_poses(state, _edit(state, data["number"], excluded=""))
         case "pose_noted":
             return replace(state, poses=_edit(state, data["number"], note=data["text"]))
+        case "remounting" | "remounted":
+            return _in_new_placement(state, data["placement"], mounted=name == "remounted")
         case _:
-            return _apply_planning(state, event)
+            return _apply_results(state, event)
 
 
 def _measured(data: Mapping[str, Any], utc: str) -> dict[str, Any]:
@@ -117,35 +133,17 @@ def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
     return _with_other_poses(replace(state, undone=undone), poses)
 
 
-def _apply_planning(state: SessionState, event: JournalEvent) -> SessionState:
-    name, data = event.name, event.data
+def _apply_results(state: SessionState, event: JournalEvent) -> SessionState:
+    name, data, utc = event.name, event.data, event.utc
     match name:
-        case "remounting" | "remounted":
-            return _in_new_placement(state, data["placement"], mounted=name == "remounted")
-        case "drives_chosen":
-            sets = tuple(tuple(drives) for drives in data["sets"])
-            return replace(state, drives=tuple(data["drives"]), drive_sets=sets)
-        case "campaign":
-            return replace(state, campaign=CampaignLog(begun=dict(data)))
         case "campaign_move" | "campaign_drives":
             return replace(state, campaign=state.campaign.step(name, data))
         case "campaign_ended":
             return replace(state, campaign=replace(state.campaign, ended=dict(data)))
-        case _:
-            return _apply_results(state, event)
-
-
-def _apply_results(state: SessionState, event: JournalEvent) -> SessionState:
-    data, utc = event.data, event.utc
-    match event.name:
         case "solved":
             summary = {k: v for k, v in data.items() if k != "record"}
             new = {"solved": summary, "solution": data.get("record", {}), "solved_utc": utc}
             return replace(state, **{**UNSOLVED, **new})
-        case "checked":
-            return replace(state, checks=data["record"])
-        case "exported":
-            return replace(state, exported=dict(data))
         case "late":
             late = HostLatency(
                 times=state.late.times + data["times"],
@@ -168,15 +166,11 @@ def _apply_results(state: SessionState, event: JournalEvent) -> SessionState:
                 resumed=bool(state.sensor_jump),
                 missed_repeat="" if back else state.missed_repeat,
             )
-        case "return_missed":
-            return replace(state, missed_repeat=data.get("reason", ""))
         case "repaired" if data["lost"]:
             # The lost lines may contain poses or exclusions: results are no longer valid.
             return replace(_with_other_poses(state, state.poses), resumed=True)
         case "sensor_fault" if state.poses:
             return replace(state, sensor_jump=data["text"], resumed=True)
-        case "return_holds":
-            return replace(state, sensor_jump="", resumed=False)
         case "verified":
             return replace(state, verifications=state.verifications + 1)
         case _:

@@ -19,7 +19,6 @@ from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.journal import Journal, JournalEvent
 from operator_app.session.workflow.campaign_replay import is_same_action
 from operator_app.session.workflow.drive_selection import choose, retrace
-from operator_app.session.workflow.opening import Choices, Opening, Rig
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
 from solver.design.actions import Finished, GoTo
@@ -141,8 +140,9 @@ def session_from(events: Sequence[JournalEvent], procedure: Procedure, folder: P
     positions = [e.data.get("q_rad") or e.data.get("mean_rad") for e in events]
     last = SimpleNamespace(positions_rad=np.array([q_rad for q_rad in positions if q_rad][-1]))
     arm = SimpleNamespace(snapshot=lambda: last)
-    opening = Opening(folder=folder, resumed=True, procedure=procedure, choices=Choices())
-    return Session(Rig(arm=arm, opening=opening, simulated=True), Journal.resume(folder))
+    opening = SimpleNamespace(procedure=procedure)
+    rig = SimpleNamespace(arm=arm, opening=opening, instrument=None, truths=None)
+    return Session(rig, Journal.resume(folder))
 
 
 def action_indices(events: Sequence[JournalEvent]) -> list[int]:

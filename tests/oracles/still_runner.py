@@ -6,14 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from operator_app.session.store.folders import SessionEntry
-from operator_app.session.ui.snapshot import (
-    Change,
-    Level,
-    Message,
-    SessionSnapshot,
-    TaskKind,
-    without_acknowledged,
-)
+from operator_app.session.ui.snapshot import Change, Level, Message, SessionSnapshot, TaskKind
 
 
 class StaticRunner:
@@ -53,7 +46,7 @@ class StaticRunner:
         self.publish(lambda s: replace(s, messages=(*s.messages, message)))
 
     def acknowledge(self, number: int) -> None:
-        self.publish(lambda s: without_acknowledged(s, number))
+        self.publish(lambda s: s.without_alarm(number))
 
     def stop(self) -> None:
         self.stops += 1

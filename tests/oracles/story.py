@@ -24,7 +24,6 @@ from operator_app.session.ui.snapshot import (
     SessionSnapshot,
     StopReport,
     TaskKind,
-    add_message,
 )
 from operator_app.session.ui.supervisor import Motion
 from tests.oracles.live_arm import LiveArm
@@ -185,8 +184,8 @@ def diverged(s: SessionSnapshot) -> SessionSnapshot:
     assert stopped_snapshot.arm is not None
     reason = str(DriveDiverged(5, 1294, 700))
     s = replace(stopped_snapshot, stop=None, arm=replace(stopped_snapshot.arm, stopped_for=reason))
-    return add_message(
-        s, Level.ALARM, stopped_words(reason), time="12:07:41", resolving_tasks=ARM_RECOVERY
+    return s.with_message(
+        Level.ALARM, stopped_words(reason), time="12:07:41", resolving_tasks=ARM_RECOVERY
     )
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from fixtures.base import Severity
 from operator_app.messages.errors import unstopped_words
 from operator_app.session.ui import guards
-from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind, needs_reconnect
+from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.units import names, others_free
 
@@ -83,7 +83,7 @@ def _connect(s: SessionSnapshot) -> NextAction:
             "press the hardware stop, check that every drive switches off, release it; then Enter"
         )
         return NextAction("stop_tested", "Stop tested", hint)
-    if needs_reconnect(s):
+    if s.needs_reconnect:
         hint = "correct what the alarm reports, then Enter connects again"
         return NextAction("connect", "Connect again", hint)
     return _next(Step.FIXTURE, "the arm is connected and checked")
@@ -111,7 +111,7 @@ def _modes(s: SessionSnapshot) -> NextAction:
         return NextAction("suggest", "Best set", problem)
     if s.state.position_joints == marked and not guards.missing_for(Step.CAPTURE, s):
         return _next(Step.CAPTURE, "the modes are set and read back")
-    if needs_reconnect(s):
+    if s.needs_reconnect:
         return _CONNECT_AGAIN
     if any(alarm.resolving_tasks == {TaskKind.MODES} for alarm in s.alarms):
         hint = "follow the alarm's remedy; then Enter applies the modes again, or N starts a new session"
@@ -123,7 +123,7 @@ def _modes(s: SessionSnapshot) -> NextAction:
 
 
 def _capture(s: SessionSnapshot) -> NextAction:
-    if needs_reconnect(s):
+    if s.needs_reconnect:
         return _CONNECT_AGAIN
     missing = guards.missing_for(Step.CAPTURE, s)
     used = len(s.state.used_poses)

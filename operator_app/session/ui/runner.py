@@ -30,10 +30,7 @@ from operator_app.session.ui.snapshot import (
     SessionSnapshot,
     StopReport,
     TaskKind,
-    add_message,
     resolving_tasks,
-    without_acknowledged,
-    without_resolved,
 )
 from operator_app.session.ui.supervisor import Supervisor
 from operator_app.session.workflow.session import Session
@@ -122,12 +119,12 @@ class Runner:
         """Add a message; an alarm is resolved when one of `resolving_tasks` succeeds. May be called from any thread."""
         time_utc = f"{self._clock().astimezone(UTC):%H:%M:%S}"
         self.publish(
-            lambda s: add_message(s, level, text, time=time_utc, resolving_tasks=resolving_tasks)
+            lambda s: s.with_message(level, text, time=time_utc, resolving_tasks=resolving_tasks)
         )
 
     def acknowledge(self, number: int) -> None:
         """Remove the alarm with this number."""
-        self.publish(lambda s: without_acknowledged(s, number))
+        self.publish(lambda s: s.without_alarm(number))
 
     def cancelled(self) -> bool:
         """Whether the running task has been cancelled."""
@@ -284,7 +281,7 @@ class Runner:
             self.defect = error
             self.say(Level.ALARM, f"program error: {error!r}")
         else:
-            self.publish(lambda s: without_resolved(s, job.kind))
+            self.publish(lambda s: s.without_resolved(job.kind))
         finally:
             self.publish(lambda s: replace(s, task=None))
 

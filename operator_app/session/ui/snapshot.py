@@ -257,6 +257,48 @@ class SessionSnapshot:
             )
         )
 
+    @property
+    def needs_reconnect(self) -> bool:
+        """Whether there is an alarm that only a new connection resolves."""
+        return any(
+            TaskKind.CONNECT in alarm.resolving_tasks
+            and TaskKind.RESET not in alarm.resolving_tasks
+            for alarm in self.alarms
+        )
+
+    def with_message(
+        self,
+        level: Level,
+        text: str,
+        *,
+        time: str,
+        resolving_tasks: frozenset[TaskKind] = frozenset(),
+    ) -> SessionSnapshot:
+        """Return the snapshot with another message; an alarm replaces an existing alarm with the same text.
+
+        An alarm is resolved when one of its `resolving_tasks` succeeds; without such tasks it stays until acknowledged.
+        """
+        number = self.messages[-1].number + 1 if self.messages else 1
+        message = Message(
+            number=number, time=time, level=level, text=text, resolving_tasks=resolving_tasks
+        )
+        if level is not Level.ALARM:
+            return replace(self, messages=(*self.messages, message)[-MAX_MESSAGES:])
+        repeated = {standing.number for standing in self.alarms if standing.text == text}
+        messages, alarms = (
+            (*(m for m in before if m.number not in repeated), message)[-MAX_MESSAGES:]
+            for before in (self.messages, self.alarms)
+        )
+        return replace(self, messages=messages, alarms=alarms)
+
+    def without_resolved(self, kind: TaskKind) -> SessionSnapshot:
+        """Return the snapshot without the alarms that a task of this kind resolves."""
+        return replace(self, alarms=tuple(a for a in self.alarms if kind not in a.resolving_tasks))
+
+    def without_alarm(self, number: int) -> SessionSnapshot:
+        """Return the snapshot without the alarm with this number; its cause may persist."""
+        return replace(self, alarms=tuple(a for a in self.alarms if a.number != number))
+
 
 Change = Callable[[SessionSnapshot], SessionSnapshot]
 """Function that returns a changed snapshot: ``lambda s: replace(s, field=value)``."""
@@ -290,47 +332,3 @@ def resolving_tasks(error: Exception, kind: TaskKind) -> frozenset[TaskKind]:
     if jumped or isinstance(error, CONNECT_AGAIN):
         return frozenset({TaskKind.CONNECT, kind})
     return (ARM_RECOVERY if isinstance(error, errors.HardwareError) else frozenset()) | {kind}
-
-
-def needs_reconnect(s: SessionSnapshot) -> bool:
-    """Whether there is an alarm that only a new connection resolves."""
-    return any(
-        TaskKind.CONNECT in alarm.resolving_tasks and TaskKind.RESET not in alarm.resolving_tasks
-        for alarm in s.alarms
-    )
-
-
-def add_message(
-    s: SessionSnapshot,
-    level: Level,
-    text: str,
-    *,
-    time: str,
-    resolving_tasks: frozenset[TaskKind] = frozenset(),
-) -> SessionSnapshot:
-    """Add a message; an alarm replaces an existing alarm with the same text.
-
-    An alarm is resolved when one of its `resolving_tasks` succeeds; without such tasks it stays until acknowledged.
-    """
-    number = s.messages[-1].number + 1 if s.messages else 1
-    message = Message(
-        number=number, time=time, level=level, text=text, resolving_tasks=resolving_tasks
-    )
-    if level is not Level.ALARM:
-        return replace(s, messages=(*s.messages, message)[-MAX_MESSAGES:])
-    repeated = {standing.number for standing in s.alarms if standing.text == text}
-    messages, alarms = (
-        (*(m for m in before if m.number not in repeated), message)[-MAX_MESSAGES:]
-        for before in (s.messages, s.alarms)
-    )
-    return replace(s, messages=messages, alarms=alarms)
-
-
-def without_resolved(s: SessionSnapshot, kind: TaskKind) -> SessionSnapshot:
-    """Remove the alarms that a task of this kind resolves."""
-    return replace(s, alarms=tuple(a for a in s.alarms if kind not in a.resolving_tasks))
-
-
-def without_acknowledged(s: SessionSnapshot, number: int) -> SessionSnapshot:
-    """Remove the alarm with this number; its cause may persist."""
-    return replace(s, alarms=tuple(alarm for alarm in s.alarms if alarm.number != number))

@@ -7,13 +7,7 @@ import pytest
 from fixtures.base import CheckKind, SetupCheck, Severity
 from hardware.arm import DriveState, Fault, JointMode
 from operator_app.session.ui import action_table, guards
-from operator_app.session.ui.snapshot import (
-    ARM_RECOVERY,
-    Level,
-    SessionSnapshot,
-    TaskKind,
-    add_message,
-)
+from operator_app.session.ui.snapshot import ARM_RECOVERY, Level, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
 from tests.oracles.story import lost, real, stale, stopped, story, tripped, with_joints
 
@@ -189,7 +183,7 @@ def test_the_check_list_of_a_real_arm_is_ticked_item_by_item():
 )
 def test_the_action_an_alarm_asks_for_is_allowed(until, open_):
     """It says: connect again."""
-    s = add_message(
-        story()["modes"], Level.ALARM, "why", time="12:00:00", resolving_tasks=frozenset(until)
+    s = story()["modes"].with_message(
+        Level.ALARM, "why", time="12:00:00", resolving_tasks=frozenset(until)
     )
     assert (guards.may_connect(s) == "") is open_

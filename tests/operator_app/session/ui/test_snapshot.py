@@ -18,17 +18,13 @@ from operator_app.session.ui.snapshot import (
     Level,
     SessionSnapshot,
     TaskKind,
-    add_message,
-    needs_reconnect,
     resolving_tasks,
-    without_acknowledged,
-    without_resolved,
 )
 from tests.oracles.story import story
 
 
 def say(s: SessionSnapshot, level: Level, text: str, *resolving_tasks: TaskKind) -> SessionSnapshot:
-    return add_message(s, level, text, time="12:00:00", resolving_tasks=frozenset(resolving_tasks))
+    return s.with_message(level, text, time="12:00:00", resolving_tasks=frozenset(resolving_tasks))
 
 
 def texts(s: SessionSnapshot) -> list[str]:
@@ -45,14 +41,14 @@ def test_an_alarm_is_kept_longer_than_other_messages():
 
 def test_a_repeated_message_becomes_the_newest_and_is_shown_again():
     s = say(say(story()["start"], Level.ALARM, "hot"), Level.ALARM, "full")
-    again = add_message(s, Level.ALARM, "hot", time="12:00:01")
+    again = s.with_message(Level.ALARM, "hot", time="12:00:01")
     assert texts(again) == [m.text for m in again.messages] == ["full", "hot"]
     assert again.alarms[-1].time == "12:00:01"
     assert again.alarms[-1].number > s.messages[-1].number
-    acknowledged = without_acknowledged(again, again.alarms[-1].number)
+    acknowledged = again.without_alarm(again.alarms[-1].number)
     assert texts(acknowledged) == ["full"]
     assert acknowledged.messages == again.messages
-    assert without_acknowledged(acknowledged, again.alarms[-1].number) == acknowledged
+    assert acknowledged.without_alarm(again.alarms[-1].number) == acknowledged
     later = say(acknowledged, Level.ALARM, "hot")
     assert texts(later) == ["full", "hot"]
     assert later.alarms[-1].number > again.alarms[-1].number
@@ -77,14 +73,14 @@ def test_a_repeated_message_becomes_the_newest_and_is_shown_again():
 )
 def test_a_persisting_refusal_asks_to_reconnect(error, asks):
     s = say(story()["start"], Level.ALARM, "told", *resolving_tasks(error, TaskKind.CAPTURE))
-    assert needs_reconnect(s) is asks
-    assert texts(without_resolved(s, TaskKind.CAPTURE)) == []
+    assert s.needs_reconnect is asks
+    assert texts(s.without_resolved(TaskKind.CAPTURE)) == []
 
 
 def test_only_the_awaited_task_resolves_an_alarm():
     s = say(story()["start"], Level.ALARM, "hot", TaskKind.RESET, TaskKind.CONNECT)
     s = say(s, Level.ALARM, "full", TaskKind.EXPORT)
     s = say(s, Level.ALARM, "unread")
-    assert texts(without_resolved(s, TaskKind.CAPTURE)) == ["hot", "full", "unread"]
-    assert texts(without_resolved(s, TaskKind.RESET)) == ["full", "unread"]
-    assert texts(without_resolved(s, TaskKind.EXPORT)) == ["hot", "unread"]
+    assert texts(s.without_resolved(TaskKind.CAPTURE)) == ["hot", "full", "unread"]
+    assert texts(s.without_resolved(TaskKind.RESET)) == ["full", "unread"]
+    assert texts(s.without_resolved(TaskKind.EXPORT)) == ["hot", "unread"]

@@ -53,19 +53,18 @@ class SolvingProcess:
 
     def __init__(self, go_on: Callable[[], None] = lambda: None) -> None:
         self._go_on = go_on
-        self._process: subprocess.Popen[bytes] | None = None
-        self._connection: Connection | None = None
+        self._running: tuple[subprocess.Popen[bytes], Connection] | None = None
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        process, self._process = self._process, None
-        if process is not None:
+        if self._running is not None:
+            process, connection = self._running
+            self._running = None
             process.kill()
             process.communicate()
-        if self._connection is not None:
-            self._connection.close()
+            connection.close()
 
     def __call__(self, function: Callable[..., T], *args: object, **options: Any) -> T:
         """Call `function` in the other process and return its result; the option `progress` is called in this process.
@@ -73,7 +72,7 @@ class SolvingProcess:
         Raises SolverError if the function raised it, and SessionError if the function raised another exception or the
         process ended by itself.
         """
-        connection = self._started()
+        process, connection = self._started()
         progress: Progress | None = options.pop("progress", None)
         try:
             connection.send((function, args, options, progress is not None))
@@ -92,21 +91,19 @@ class SolvingProcess:
                     result: T = message
                     return result
         except (EOFError, OSError) as gone:
-            code = None if self._process is None else self._process.wait()
-            reason = f"exit code {code}"
-            if code is not None and code < 0:
-                reason = f"signal {signal.Signals(-code).name}"
+            code = process.wait()
+            reason = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
             raise SessionError(
                 f"The solver process ended by itself ({reason})",
                 "All poses are kept: calibrate again. If it happens again, close programs that use much memory",
             ) from gone
 
-    def _started(self) -> Connection:
-        if self._connection is None or self._process is None:
-            self._connection, other_end = Pipe()
+    def _started(self) -> tuple[subprocess.Popen[bytes], Connection]:
+        if self._running is None:
+            connection, other_end = Pipe()
             start = "from operator_app.session.store.solver_process import serve; serve()"
             command = [sys.executable, "-P", "-c", start, str(other_end.fileno())]
-            self._process = subprocess.Popen(  # noqa: S603 - this interpreter, this module
+            process = subprocess.Popen(  # noqa: S603 - this interpreter, this module
                 command,
                 # When this process ends, the standard input of the child ends, and so does the child.
                 stdin=subprocess.PIPE,
@@ -120,7 +117,8 @@ class SolvingProcess:
                 | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             )
             other_end.close()
-        return self._connection
+            self._running = process, connection
+        return self._running
 
 
 # -- the other end ---------------------------------------------------------------------------------

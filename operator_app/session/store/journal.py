@@ -87,7 +87,7 @@ class Journal:
                 descriptor = create_file(path)
                 _lock(descriptor, path)
                 fsync_folder(folder)
-                contents = JournalContents(events=(), file=str(path))
+                contents = JournalContents(events=(), file=path)
                 return cls(path, descriptor, contents, b"", created_folders)
         raise AssertionError("there is always a next name")
 

@@ -48,13 +48,12 @@ class JournalEvent:
 class JournalContents:
     """Events of a journal.
 
-    `torn` is the message about an incomplete last line (empty if it is complete), `file` the journal's name in
-    messages, and `chain` the last checksum.
+    `torn` is the message about an incomplete last line (empty if it is complete), `chain` the last checksum.
     """
 
     events: tuple[JournalEvent, ...]
+    file: Path
     torn: str = ""
-    file: str = JOURNAL_NAME
     chain: str = ""
 
 
@@ -170,7 +169,7 @@ def parse_journal(raw: bytes, path: Path) -> JournalContents:
     torn = ""
     if rest:
         torn = f"line {len(complete) + 1} of {path} is incomplete and was left out"
-    return JournalContents(events=tuple(events), torn=torn, file=str(path), chain=chain)
+    return JournalContents(events=tuple(events), torn=torn, file=path, chain=chain)
 
 
 def read_bytes(path: Path) -> bytes:

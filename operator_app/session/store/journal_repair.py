@@ -95,7 +95,7 @@ def repair_journal(folder: Path) -> RepairResult:
             utc = utc_in_words(utc_now())
             events.append(JournalEvent(seq=0, utc=utc, name="repaired", data=data))
             _replace_journal(path, aside, events)
-        state = session_state(JournalContents(events=_numbered(events), file=str(path)))
+        state = session_state(JournalContents(events=_numbered(events), file=path))
     return RepairResult(folder=folder, aside=aside, lines=lines, torn=torn, state=state)
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import reduce
-from pathlib import Path
 from typing import Any
 
 from hardware.arm import HostLatency, JointMode
@@ -219,7 +218,7 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
         if problem:
             where = f"{event.name}.{key}" if key != "utc" else key
             raise JournalDamagedError(
-                path=Path(contents.file), line=event.seq, problem=f"{where}: {problem}"
+                path=contents.file, line=event.seq, problem=f"{where}: {problem}"
             )
         joints = joints or joint_count_in(event)
         state = apply(state, event)

@@ -20,7 +20,7 @@ from operator_app.calibration.prior import Innovation, innovation
 from operator_app.calibration.verification import Fixed, fixed_calibration, predict, stated_noise
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError, GuardError
-from operator_app.session.store.state import CheckReading, SessionState, pose_set_of
+from operator_app.session.store.state import MeasuredPose, SessionState, pose_set_of
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
 from operator_app.units import POSITION, SLIP_SIGMA, SPAN, joints_named
 from solver.arrays import FloatArray
@@ -164,8 +164,7 @@ def check_closure_by_poses(
     from scipy.special import chdtri
 
     state = state.here
-    here = CheckReading(
-        kind="standing",
+    here = MeasuredPose(
         number=0,
         mean_rad=reading.mean_rad,
         sd_rad=reading.sd_rad,

@@ -1,6 +1,7 @@
 """Every guard, with its conditions met, and the reasons that it gives otherwise."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -9,6 +10,7 @@ from hardware.arm import DriveState, Fault, JointMode
 from operator_app.session.ui import action_table, guards
 from operator_app.session.ui.snapshot import ARM_RECOVERY, Level, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
+from operator_app.session.ui.user_interface import perform_action
 from tests.oracles.story import lost, real, stale, stopped, story, tripped, with_joints
 
 FIRST_CLOSED = {
@@ -187,3 +189,14 @@ def test_the_action_an_alarm_asks_for_is_allowed(until, open_):
         Level.ALARM, "why", time="12:00:00", resolving_tasks=frozenset(until)
     )
     assert (guards.may_connect(s) == "") is open_
+
+
+def test_remounting_is_refused_if_a_sensor_fails_during_the_question():
+    shown, told = [story()["captured"]], []
+    failed = replace(shown[0], state=replace(shown[0].state, sensor_jump="jumped"))
+    interface = SimpleNamespace(
+        ask=lambda _, then: (shown.append(failed), then("yes")), snapshot=lambda: shown[-1],
+        refuse=told.append, open=told.append, runner=None, sessions=SimpleNamespace(remounted="opened"),
+    )  # fmt: skip
+    perform_action(action_table.by_name("remount"), interface)
+    assert told == ["jumped"]

@@ -186,12 +186,11 @@ def test_a_crashed_thread_stops_the_arm_and_is_reported(source):
         raise ZeroDivisionError
 
     runner = source.new()
-    sound = runner.session.rig
-    runner.session.rig = replace(sound, recording_ended=broken)
+    runner.session.rig = replace(runner.session.rig, recording_ended=broken)
     until(lambda: runner.defect is not None)
     assert isinstance(runner.defect, ZeroDivisionError)
     assert source.arm.stops
-    runner.session.rig = sound
+    runner.session.rig = replace(runner.session.rig, recording_ended=str)
 
 
 def test_the_shown_plan_is_the_one_that_was_begun(runner, work):

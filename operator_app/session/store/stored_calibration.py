@@ -153,7 +153,7 @@ def journal_calibration(state: SessionState) -> StoredCalibration | str:
     if state.solved.get("poses", used) != used:
         return "the solution in the journal is from other poses"
     dropped = set(solution.dropped_flipped)
-    estimates = (solution.estimate, solution.paper, solution.implicit)
+    estimates = filter(None, (solution.estimate, solution.paper, solution.implicit))
     if not dropped <= set(range(len(used))) or not all(
         _is_consistent(estimate, len(used) - len(dropped)) for estimate in estimates
     ):
@@ -161,9 +161,7 @@ def journal_calibration(state: SessionState) -> StoredCalibration | str:
     return StoredCalibration(solution=solution, checks=checks, recalculated_because="")
 
 
-def _is_consistent(estimate: Estimate | None, poses: int) -> bool:
-    if estimate is None:
-        return True
+def _is_consistent(estimate: Estimate, poses: int) -> bool:
     count = len(estimate.parameters)
     of_poses = (estimate.residual, estimate.pose_chi2, estimate.corrections)
     return (

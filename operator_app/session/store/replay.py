@@ -26,7 +26,7 @@ def order_of(opened: Mapping[str, Any]) -> int:
     return order if type(order) is int and 0 < order < MOST_WHOLE else 0
 
 
-FIELDS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
+FIELDS_SET: Mapping[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
     "imported": lambda data: {"imported": data["file"], "serial_number": data["serial_number"]},
     "modes": lambda data: {"modes": tuple(map(JointMode, data["modes"]))},
     "drives_chosen": lambda data: {
@@ -45,8 +45,8 @@ FIELDS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
 def apply(state: SessionState, event: JournalEvent) -> SessionState:
     """Return the state after one event; unknown events (from a newer version) change nothing."""
     name, data, utc = event.name, event.data, event.utc
-    if name in FIELDS:
-        return replace(state, **FIELDS[name](data))
+    if name in FIELDS_SET:
+        return replace(state, **FIELDS_SET[name](data))
     match name:
         case "opened":
             return replace(

@@ -283,7 +283,9 @@ def remount(context: ActionContext) -> None:
         "The drives are still on. Releasing the arm switches them off, and nothing commands the arm then. Leave "
         f"its controller on, so that no counter is reset.\n{steps}"
     )
-    resume_remounted = interface.sessions.remounted
     context.confirm(
-        "Remount the fixture?", text, "Release the arm", lambda _: interface.open(resume_remounted)
+        "Remount the fixture?",
+        text,
+        "Release the arm",
+        lambda _: interface.open(interface.sessions.remounted),
     )

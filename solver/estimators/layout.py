@@ -138,8 +138,8 @@ class Layout:
     """Columns of the parameters and effects of a closure model with stated errors, and their K variance components.
 
     `q` (m, n): readings, rad. `like`: a layout of the same poses; its smooth functions of the pose are used again.
-    `width`: number of columns. The first `flat_count` columns belong to parameters with a flat prior: nothing is known of
-    them beforehand. The other columns belong to effects; a parameter with a tolerance counts as an effect.
+    `width`: number of columns. The first `flat_count` columns belong to parameters with a flat prior: nothing is known
+    of them beforehand. The other columns belong to effects; a parameter with a tolerance counts as an effect.
     `column` (P,): column of each parameter. `index`: index of each component by name.
     `floors`, `ceilings`, `raise_limits`, `scaled` (K,): values of these fields of all `VarianceComponent`s.
     `test_floors` (K,): lower limits of the variances of noise for tests of single readings.

@@ -89,7 +89,7 @@ def bus_settings(
                 usual = bus_settings(
                     otherwise.interface,
                     channel or named.get("channel") or otherwise.channel or None,
-                    bitrate or (None if "bitrate" in named else otherwise.bitrate),
+                    bitrate if "bitrate" in named else otherwise.bitrate,
                 )
             except BusSettingsError as error:
                 raise BusSettingsError(f"{error}{_named_in(otherwise)}") from error

@@ -82,13 +82,13 @@ class LinkModel(StrictModel):
     Without masses, deflections under load are modelled as an arbitrary smooth function of the pose.
     """
 
-    link: Annotated[quantities.Count, Field(description="The joint that it moves with, from 1.")]
+    link: Annotated[quantities.Count, Field(description="Number of the joint that moves the link, from 1.")]
     mass_kg: Annotated[quantities.NonNegativeNumber, Field(le=10_000.0)]
     centre_m: Annotated[
         tuple[quantities.LengthM, quantities.LengthM, quantities.LengthM],
         Field(
-            description="Centre of mass from the joint's origin p_{j-1}: z along the joint's axis, "
-            "x where theta + theta_off turns the link (x_j)."
+            description="Centre of mass, from the origin of frame j-1 for link j, in axes that turn "
+            "with the link: z along the axis of joint j, x along the D-H length a_j."
         ),
     ]
     mass_tolerance_percent: Annotated[

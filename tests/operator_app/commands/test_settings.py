@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hardware.buses.python_can import BusSettings, bus_settings
+from hardware.errors import BusError
 from operator_app.cli import main
 from operator_app.commands.choices import choices_from, opening_from
 from operator_app.commands.table import parser_of
@@ -50,6 +51,8 @@ def test_options_and_environment_take_precedence(file, monkeypatch):
     assert bus_settings("virtual", otherwise=bus_setting).interface == "virtual"
     assert bus_settings("loopback", otherwise=bus_setting).channel == "sarcal"
     assert bus_settings(channel="can1", otherwise=bus_setting).channel == "can1"
+    with pytest.raises(BusError, match="The bitrate 0 is not"):
+        bus_settings(bitrate=0, otherwise=bus_setting)
     monkeypatch.setenv("CAN_CHANNEL", "can2")
     assert bus_settings(otherwise=bus_setting).channel == "can2"
     monkeypatch.setenv("CAN_INTERFACE", "loopback")

@@ -135,9 +135,9 @@ def admit(
 ) -> None:
     """Check `commands` for one SYNC against the limits. `before`: the commands sent last, or None.
 
-    The target of a joint that enters position mode, or whose drive has no power yet, must be within `max_step_counts` of
-    the measured position. Any other change of a target is checked as a motion. Raises `CommandRefused` if a command is outside the limits, and
-    `StopLatched` if STOP was pressed since the commands were made.
+    The target of a joint that enters position mode, or whose drive has no power yet, must be within `max_step_counts`
+    of the measured position. Any other change of a target is checked as a motion. Raises `CommandRefused` if a command
+    is outside the limits, and `StopLatched` if STOP was pressed since the commands were made.
     """
     if before is commands:
         return

@@ -82,7 +82,7 @@ class LinkModel(StrictModel):
     Without masses, deflections under load are modelled as an arbitrary smooth function of the pose.
     """
 
-    link: Annotated[quantities.Count, Field(description="Number of the joint that moves the link, from 1.")]
+    link: Annotated[quantities.Count, Field(description="Number of its joint, from 1.")]
     mass_kg: Annotated[quantities.NonNegativeNumber, Field(le=10_000.0)]
     centre_m: Annotated[
         tuple[quantities.LengthM, quantities.LengthM, quantities.LengthM],

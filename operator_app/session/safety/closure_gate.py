@@ -4,9 +4,9 @@ The gate is used while there are too few poses to predict the closure. The most 
 
     (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading)   subject to   c(phi, q, u) = 0.
 
-phi are the parameters of the loop, with prior mean phi_0 and covariance S; Q is the covariance of the readings; u are
-the unsensed angles; c are the loop's closure equations. Newton's iteration on the reduced equations (`solver.closing`)
-finds the minimum. The minimum is chi2-distributed; its degrees of freedom are the number of reduced equations.
+The unknowns are the parameters phi (prior mean phi_0, covariance S), the joint angles q (covariance Q of the readings)
+and the unsensed angles u. c are the closure equations; `solver.closing` eliminates u from them. Newton's iteration on
+the reduced equations finds the minimum, which is chi2-distributed with one degree of freedom for each such equation.
 """
 
 import math
@@ -46,9 +46,9 @@ class ClosureFit:
 
 
 class LoopAtReading:
-    """The loop at one reading (n,) of the joints.
+    """The loop at one reading (n,), rad, of the n joints.
 
-    The prior of the loop's parameters is from the arm file, the fixture file and, in `known`, earlier placements.
+    The loop's parameters have a prior from arm file and fixture file. `known` adds information from earlier placements.
     """
 
     def __init__(

@@ -2,7 +2,7 @@
 
 The checks, in order:
 
-1. No joint reads near zero although zero is outside its range: its counter would have been reset.
+1. No joint reads near zero if its range excludes zero. Such a reading would mean that its counter was reset.
 2. The loop closes as the captured poses predict.
 3. If there are too few poses for check 2, the loop closes within the tolerances of arm file and fixture file.
 
@@ -38,11 +38,11 @@ from solver.chain.arm_model import ArmModel
 def require_plausible_readings(
     session: Logbook, reading: Reading, endpoint: Callable[[], FloatArray | None]
 ) -> tuple[int, ...]:
-    """Refuse joint readings that cannot be correct; record the result in the journal.
+    """Refuse joint readings that cannot be correct, and record the result in the journal.
 
-    `endpoint`: function that measures the tool with the instrument; called only if there are poses of the current
-    placement. Returns the joints (1-based) of which a shift could not be detected at the current pose.
-    Raises ClosureRefusedError; the message names joints that may be the cause.
+    `endpoint`: function that measures the tool with the instrument; called only if the current placement has poses.
+    Returns the joints (1-based) whose shift could not be detected at the current pose. If the readings are refused,
+    raises ClosureRefusedError, whose message names joints that may be the cause.
     """
 
     def record(text: str, probability: float | None, *, refused: bool = False) -> None:
@@ -156,31 +156,31 @@ def _reset_counters(arm: ArmModel, loop: LoopAtReading, closure: ClosureFit) -> 
 
 
 def _reset_among(
-    arm: ArmModel, loop: LoopAtReading, closure: ClosureFit, zeros: tuple[int, ...], at_most: float
+    arm: ArmModel, loop: LoopAtReading, closure: ClosureFit, near: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
-    """Return, by joint, the estimated angles (rad) of those joints of `zeros` whose counters were reset; {} for none.
+    """Return, by joint, the estimated angle (rad) of each joint whose counter was reset; empty for none.
 
-    A reset is assumed if the readings of `zeros` raise chi2 so much that a larger increase has a probability below
-    `at_most`. The total chi2 is not tested, because errors in the files raise it even without these readings.
+    Joints `near` zero count as reset if ignoring their readings lowers chi2 so much that a larger decrease has a
+    probability below `at_most`. The total chi2 is not tested, because errors in the files alone can raise it.
     """
     from scipy.special import chdtrc
 
-    if all(abs(arm.home_rad[j - 1]) <= HOME_AT_ZERO_RAD for j in zeros):
+    if all(abs(arm.home_rad[j - 1]) <= HOME_AT_ZERO_RAD for j in near):
         at_most = min(at_most, RESET_PROBABILITY_HOME_AT_ZERO)
-    without = loop.fit(*zeros)
+    without = loop.fit(*near)
     if not np.isfinite(without.chi2):
         return {}
     freed = closure.dof - without.dof
     if chdtrc(freed, max(closure.chi2 - without.chi2, 0.0)) >= at_most:
         return {}
-    for joint, explaining in _fits_without(loop, zeros).items():
+    for joint, explaining in _fits_without(loop, near).items():
         more = explaining.dof - without.dof
         if (
             more == 0
             or chdtrc(more, max(explaining.chi2 - without.chi2, 0.0)) >= EXPLAINED_PROBABILITY
         ):
             return {joint: float(explaining.q_rad[joint - 1])}
-    return {j: float(without.q_rad[j - 1]) for j in zeros}
+    return {j: float(without.q_rad[j - 1]) for j in near}
 
 
 def _not_closing_text(explaining: dict[int, ClosureFit]) -> str:

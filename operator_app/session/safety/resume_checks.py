@@ -1,6 +1,6 @@
-"""Resume checks before the drives are enabled: same nodes, no counter reset, closure as predicted.
+"""Checks of arm and readings before the drives are enabled: same nodes, no counter reset, closure as predicted.
 
-These checks move nothing; once the arm may move, `return_check` compares a repeated pose. A counter reset sets the
+These checks move nothing. Once the arm may move, `return_check` compares a repeated pose. A counter reset sets the
 count to zero at the current position. If the arm then sags before it is connected, the count is not exactly zero.
 """
 
@@ -37,10 +37,10 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 
 
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
-    """Return, by joint (from 1), the distance from zero of each counter within `MAX_SAG_RAD` of zero, nearest first.
+    """Return, by joint (1-based), the distance from zero of each counter that reads near zero, the nearest first.
 
-    The distance is in units of `AT_ZERO_COUNTS` counts; a smaller one is returned as 1. The probability that a joint
-    is within this distance of zero by chance is proportional to the distance.
+    Near zero means within `MAX_SAG_RAD`. Distances are in units of `AT_ZERO_COUNTS` counts, and at least 1. The
+    probability that a joint is within such a distance of zero by chance is proportional to the distance.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))
@@ -57,9 +57,9 @@ def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int])
 
 
 def reset_text(joints: Sequence[int], where: str, closes_with: str = "") -> str:
-    """Return the error text for reset counters, which read `where` ("at zero" or "near zero").
+    """Return the error text for joints whose counters were reset.
 
-    `closes_with`: a clause, from its semicolon on, about the angles at which the loop closes.
+    `where`: "at zero" or "near zero". `closes_with`: text after "does not close", e.g. "; it closes with ...".
     """
     counters, are, were = (
         ("counter", "is", "was") if len(joints) == 1 else ("counters", "are", "were")
@@ -261,7 +261,7 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture; an instrument is placed as calibrated, else as its file states, else as fitted to poses."""
+    """Return the fixture; an instrument is placed as calibrated, or else by its file, or else by a fit to the poses."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):

@@ -22,7 +22,7 @@ def check_repeat(state: SessionState, procedure: Procedure, *, refuse: bool) -> 
     """Compare the last repeated pose with its first reading; return a message, or "" if they agree.
 
     Raises GuardError if `refuse` is true and a joint, the fixture, the target or the tracker has shifted between the
-    two readings. In an uninterrupted capture, `refuse` is false: the poses have been captured already, and the
+    two readings. At the end of an uninterrupted capture, `refuse` is false: a shift is then only reported, and the
     diagnosis of the calibration uses both readings.
     """
     state = state.here
@@ -85,7 +85,7 @@ def _chi2_limit(repeat: Repeat) -> float:
 
 
 def _repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Compare the last repeated pose with its first reading; None if chain motion could explain every difference."""
+    """Return the last repeated pose compared with its first reading; None if loop motion could explain any change."""
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
     fixed = resume_checks.parameters_from_poses(state, procedure)

@@ -24,7 +24,7 @@ TURNED_RAD = float(np.deg2rad(2.0))
 
 
 def require_no_sensor_fault(state: SessionState, refusal: str) -> None:
-    """After a sensor fault, raise GuardError (text: `refusal` and the fault) until the first pose is measured again."""
+    """Raise GuardError if no repeat of the first pose has agreed since a sensor fault; `refusal` begins its text."""
     if state.sensor_jump:
         raise GuardError(
             f"{refusal}: {state.sensor_jump}",
@@ -121,9 +121,9 @@ class SensorFaults:
         return tuple(pose.number for pose in self._logbook.state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Return the numbers of the latest consecutive poses at which `joint` read the same as it does at present.
+        """Return the numbers of the latest consecutive poses at which `joint` had the reading that it has now.
 
-        Used if a drive did not follow: the sensor of the joint may have been stuck at these poses.
+        Used if the drive of `joint` did not follow its command: the sensor may have been stuck at these poses.
         """
         poses = self._logbook.state.poses_here
         if not poses:

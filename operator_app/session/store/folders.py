@@ -84,7 +84,7 @@ def read_session(folder: Path) -> SessionEntry:
 
 
 def documents_of(state: SessionState) -> tuple[str, str]:
-    """Return the procedure's name, and a text "ARM, FIXTURE"; "not known" and "" if the procedure is unreadable."""
+    """Return the procedure's name, and a text with its arm and fixture; "not known" and "" if it is unreadable."""
     from operator_app.config.strict_yaml import load_strict
 
     try:

@@ -249,7 +249,7 @@ class Journal:
 
     @property
     def kept_folder(self) -> Path:
-        """Folder with the complete journal: the session's or, if that journal was lost, the folder of the copy."""
+        """Folder with the complete journal: the session's folder or, if the file was lost, that of the rescue copy."""
         if self.loss is not None and self.loss.rescued is not None:
             return self.loss.rescued
         return self.path.parent

@@ -127,9 +127,10 @@ def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, s
 
 
 def parse_line(line: bytes, number: int, *, any_number: bool = False) -> JournalEvent:
-    """Parse a line whose checksum has been verified; raises the same errors as `verified_line`.
+    """Return the event in a line whose checksum has been verified.
 
-    `any_number`: accept any sequence number, because earlier lines may be lost.
+    `number`: expected sequence number; ignored if `any_number` is true, because earlier lines may be lost. Raises
+    BadLineError if the line is not an event with this number, and JournalForeignError if its version is unknown.
     """
     try:
         record = json.loads(line, parse_constant=_reject_constant)
@@ -213,7 +214,7 @@ def _open_regular(path: Path) -> BinaryIO:
 
 
 def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
-    """Raise JournalForeignError if a file is not a journal, or is a journal of an unknown version."""
+    """Raise JournalForeignError unless a file's `complete` lines and `rest` are a journal of a known version."""
     first = complete[0] if complete else rest
     if not first and len(complete) < 2:
         raise JournalForeignError(
@@ -233,7 +234,7 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
 
 
 def _require_version(first: bytes, path: Path) -> None:
-    """Raise JournalForeignError if line 1 has an unknown version; accept a recognisably damaged `JOURNAL_SCHEMA`."""
+    """Raise JournalForeignError if line 1 states an unknown version, unless its checksum shows that this is damage."""
     match = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
     if match is None or match[1].decode(errors="replace") == JOURNAL_SCHEMA:
@@ -259,9 +260,9 @@ def _reject_constant(text: str) -> NoReturn:
     raise ValueError(f"{text} is not JSON")
 
 
-def timestamped_path(path: Path, what: str) -> Path:
-    """Return a free name beside `path`, e.g. ``journal.jsonl.torn-20261122T030000Z``."""
-    return free_path(path.with_name(f"{path.name}.{what}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"))
+def timestamped_path(path: Path, tag: str) -> Path:
+    """Return an unused path: `path` with `tag` and the time added, e.g. ``journal.jsonl.torn-20261122T030000Z``."""
+    return free_path(path.with_name(f"{path.name}.{tag}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}"))
 
 
 def numbered_paths(path: Path) -> Iterator[Path]:

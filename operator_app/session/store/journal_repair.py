@@ -132,39 +132,36 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
 # -- one line ------------------------------------------------------------------------------------
 
 
-def _recover(line: bytes, before: str) -> tuple[bytes, str, str] | None:
-    """Return the original line, its checksum, and what was restored ("" if nothing); None if the line is lost.
-
-    `before`: checksum of the previous line.
-    """
-    chain = _checksum_if_stated(line, before)
+def _recover(line: bytes, previous_sum: str) -> tuple[bytes, str, str] | None:
+    """Return the original line, its checksum, and what was restored ("" if nothing); None if the line is lost."""
+    chain = _checksum_if_stated(line, previous_sum)
     if chain is not None:
         completed = line[:-TAIL] + f',"sum":"{chain}"}}'.encode()
         exact = completed == line
         return completed, chain, "" if exact else "restored: only the checksum was damaged"
-    mended = _with_bit_restored(line, before)
+    mended = _with_bit_restored(line, previous_sum)
     if mended is None:
         return None
     restored = "restored: the checksum matches with one bit flipped back"
     return mended, mended[-TAIL + 8 : -2].decode(), restored
 
 
-def _checksum_if_stated(line: bytes, before: str) -> str | None:
-    """Return the line's computed checksum if the stated checksum differs in at most one byte; else None."""
+def _checksum_if_stated(line: bytes, previous_sum: str) -> str | None:
+    """Return a line's correct checksum if the line ends with it, apart from at most one wrong byte; else None."""
     if len(line) < TAIL:
         return None
-    expected = checksum(before, line[:-TAIL] + b"}")
+    expected = checksum(previous_sum, line[:-TAIL] + b"}")
     end = f',"sum":"{expected}"}}'.encode()
     return expected if sum(a != b for a, b in zip(line[-TAIL:], end, strict=True)) <= 1 else None
 
 
-def _with_bit_restored(line: bytes, before: str) -> bytes | None:
+def _with_bit_restored(line: bytes, previous_sum: str) -> bytes | None:
     """Return the line with one bit flipped so that the stated checksum matches; None if there is no such bit."""
     stated = line[-TAIL + 8 : -2]
     body = line[:-TAIL] + b"}"
     if not TAIL < len(line) <= MAX_BIT_SEARCH_BYTES:
         return None
-    begun = hashlib.sha256(before.encode())
+    begun = hashlib.sha256(previous_sum.encode())
     for k, byte in enumerate(body[:-1]):
         for bit in BITS:
             tried = begun.copy()

@@ -55,7 +55,7 @@ class Logbook:
         self.state = apply(self.state, self.journal.append(name, data))
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """Raise JournalLostError if the journal file is lost; if `unchanged`, also if a line of it was changed."""
+        """Raise JournalLostError if the journal file is lost; with `unchanged`, a changed line is a loss too."""
         self.journal.require_intact(unchanged=unchanged)
 
     # -- poses -----------------------------------------------------------------------------------

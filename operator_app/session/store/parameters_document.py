@@ -127,7 +127,7 @@ def _several(model: ClosureModel) -> tuple[records.DocumentWarning, ...]:
 
 
 def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
-    """Return the identified D-H rows 0..n; row 0 is zero if the fixture is not a D-H link. `kind`: for the error."""
+    """Return the D-H table of links 0..n with the entries `x` (P,); row 0 is zero if the fixture is not a D-H link."""
     table = model.dh_table(x)
     if table is not None:
         return table
@@ -164,5 +164,5 @@ def _forced_warning(solution: Solution, reason: str) -> tuple[records.DocumentWa
 
 
 def _figures(reading: ResidualSigma) -> records.TwoFigures:
-    """Return both values of a residual, `rms` and `as_printed`, converted from m to mm or from rad to mrad."""
+    """Return a residual's rms, and its value by the paper's formula as printed, in mm or mrad instead of m or rad."""
     return records.TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -160,7 +160,7 @@ def _answer(
 
 
 def _end_with_parent() -> None:
-    """Wait until the parent has ended, which closes its pipe to standard input; then end this process."""
+    """End this process as soon as its standard input is closed, which happens when the parent process ends."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -109,26 +109,28 @@ class SessionState:
     imported
         File from which the poses were read; empty if an arm captured them.
     sources
-        Text of the arm, fixture and procedure documents at opening, by kind.
+        Texts of the procedure, arm, fixture and profile documents at opening, by kind.
     node_serials
         Serial numbers (1018h) of the nodes that captured the poses, by node.
-    start_rad, home_rad
-        Joint angles (n,) when the drives were first enabled; centre (n,) of the drive box. Both are None before that.
-        The centre is the procedure's home or, in journals of earlier versions, `start_rad`.
+    start_rad
+        Joint angles (n,) when the drives were first enabled in this placement. None before, like `home_rad`.
+    home_rad
+        Centre (n,) of the drive box: the procedure's home or, in journals of earlier versions, `start_rad`.
     modes
         Mode of each joint as last confirmed by its drive; empty until set.
     poses, undone
         Captured poses, including excluded ones, and the poses removed by undo.
-    visited, skipped_waypoints
-        Indices of the waypoints that were captured or skipped; reason for each skipped one, by index. Skipped waypoints
-        are tried again after resuming.
+    visited
+        Indices of the waypoints that were captured or skipped.
+    skipped_waypoints
+        Reason for each skipped waypoint, by index. Skipped waypoints are tried again after resuming.
     captured
         Number of captures, including undone ones: the next pose has number captured + 1.
     drives, drive_sets
         Chosen drive joints, and all sets that a plan may use; empty until chosen.
     resumed
-        Whether a drift check is due: `sensor_jump` is not empty, or there was no check reading since the session was
-        resumed or repaired, or since the arm was connected again.
+        Whether a drift check is due, as after resuming, repairing, connecting again or a sensor fault. The next check
+        reading completes it; after a sensor fault, only if the repeated pose agrees with its first reading.
     placement
         Number of the current mounting of the fixture, from 1; start, home, waypoints and modes are of this placement.
     mounted
@@ -141,7 +143,7 @@ class SessionState:
     verifications
         Number of verifications with new poses.
     solved, solved_utc, exported
-        Summary of the calibration, its time (UTC), and summary of its export; empty before there is one.
+        Summary and time (UTC) of the calibration, and summary of its export; empty before there is one.
     solution, checks
         Records (`operator_app.calibration.serialization`) of the last calibration and of its cross-validation; empty
         until there is one, and in journals of earlier versions.
@@ -237,7 +239,7 @@ class SessionState:
 
     @property
     def rereads(self) -> tuple[RepeatedReading, ...]:
-        """Both readings of each repeated pose (see `repeats`), as the diagnosis of a calibration needs them."""
+        """Both readings of each repeated pose, in the form that the diagnosis of a calibration requires."""
         return tuple(
             RepeatedReading(
                 label=str(r.first.number),
@@ -251,9 +253,9 @@ class SessionState:
         )
 
     def required_poses(self, capture: CapturePlan) -> int:
-        """Return how many used poses, in all placements together, are needed to complete the current placement.
+        """Return how many used poses of all placements there are when the current placement is complete.
 
-        In a planned capture, `capture.poses` is the number of poses that the plan chooses; explored poses are added.
+        In a planned capture, `capture.poses` counts only the poses chosen by the plan. Explored poses come in addition.
         """
         used = self.used_poses
         if capture.strategy != "planned":

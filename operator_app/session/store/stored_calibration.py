@@ -120,7 +120,7 @@ def with_checks(
 
 
 def solution_data(solution: Solution, state: SessionState, procedure: Procedure) -> dict[str, Any]:
-    """Return the data of a `solved` event; `procedure`: that with whose `length_tolerance_m` `solution` was made."""
+    """Return the data of a `solved` event; `procedure` must contain the `length_tolerance_m` used for `solution`."""
     estimate, condition = solution.estimate, solution.identifiability.scaled_condition_number
     return {
         "estimator": estimate.estimator,

@@ -314,7 +314,7 @@ def footer(step: Step) -> tuple[Action | OnScreen, ...]:
 
 
 def prompts(step: Step) -> tuple[list[Action], list[Action]]:
-    """Return two lists of the actions that plain mode shows at `step`: those of some steps only, and those of all."""
+    """Return the actions that plain mode lists at `step`: those not available at every step, and those that are."""
     of_step = [a for a in ACTIONS if isinstance(a, Action) and step in a.steps]
     common = [a for a in of_step if a.steps == EVERYWHERE]
     return [a for a in of_step if a not in common], common

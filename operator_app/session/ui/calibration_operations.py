@@ -125,7 +125,7 @@ class CalibrationOperations(Listener):
         )
 
     def _loop_of(self, state: SessionState) -> ClosureModel:
-        """Return the closure model of the used poses; on an open arm, first locate the instrument if poses suffice."""
+        """Return the loop's model; on an open arm, locate the instrument first as soon as there are enough poses."""
         session, model = self._session, self._nominal_loop
         if session.fixture.holds_hand:
             return model

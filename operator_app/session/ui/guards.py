@@ -89,7 +89,7 @@ def calibrate_ready(s: SessionSnapshot) -> str:
 
 
 def results_ready(s: SessionSnapshot) -> str:
-    """Return why the Results step is closed; "" if a calibration is loaded. After a resume, connecting loads it."""
+    """Return why the Results step is closed; "" if a calibration is loaded. On a resume, connecting loads it."""
     if s.solution is not None:
         return ""
     if s.state.solved and not s.connected:
@@ -187,7 +187,7 @@ def may_capture(s: SessionSnapshot) -> str:
 
 
 def may_run_automatically(s: SessionSnapshot) -> str:
-    """Return why automatic capture is refused; "" if moving is allowed and a pose or a drift check is missing."""
+    """Return why automatic capture is refused; "" if the arm may move and poses are missing or a drift check is due."""
     complete = len(s.state.used_poses) >= s.required_poses
     if lacks_drift_check(s) or (s.state.resumed and s.state.poses_here and not complete):
         return may_go_home(s)  # a captured pose is measured again: no unvisited waypoint is needed
@@ -195,7 +195,7 @@ def may_run_automatically(s: SessionSnapshot) -> str:
 
 
 def lacks_drift_check(s: SessionSnapshot) -> bool:
-    """Whether all poses are captured, but a drift check is missing: after exploration, or after a sensor fault."""
+    """Whether all poses are captured, but exploration or a sensor fault still requires a drift check."""
     complete = len(s.state.used_poses) >= s.required_poses > 0
     explored = s.procedure.capture.strategy != "planned"
     unrepeated = explored and not s.state.repeated_since_capture

@@ -28,15 +28,15 @@ class Sessions:
 
     `procedure`: built-in name or path; None: ``hinge``.
     `choices`: options of the command line.
-    `join`: function of an `Opening`; returns a context manager that yields the `Rig`, i.e. the arm of the session.
+    `join`: function that returns, for an `Opening`, a context manager that yields the `Rig`, i.e. the arm.
     `warning`: first message to the operator; "" for none.
 
-    The other attributes describe the last closed session.
-    `last`: its folder; None if the folder was empty and has been removed.
+    Attributes of the session that was closed last:
+    `last`: folder; None if the folder was empty and has been removed.
     `exported`: whether parameters were written.
-    `held`: whether its arm confirmed that no drive follows commands; None if no arm was connected.
+    `held`: whether the arm confirmed that no drive follows commands; None if no arm was connected.
     `lost`: error about the lost journal; None if the journal was not lost.
-    `not_held`: error stating that drives may still follow commands; None if the arm confirmed that none does.
+    `not_held`: error stating that drives may still follow commands; None if the arm confirmed the opposite.
     """
 
     def __init__(

@@ -227,7 +227,7 @@ class SessionSnapshot:
 
     @property
     def drive_faults(self) -> dict[int, str]:
-        """The fault of each drive in fault, by joint: error code and meaning, "" if it has not reported them."""
+        """Error code and meaning of each fault of a drive, by joint; "" for a drive that has reported no code."""
         if self.arm is None:
             return {}
         reported = {f.joint: f"{f.code:04X}h: {f.text}" for f in self.arm.faults if f.code}

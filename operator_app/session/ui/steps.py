@@ -1,6 +1,6 @@
-"""The seven steps of a calibration; the keys for STOP and quit, which the app needs while it is loading.
+"""The seven steps of a calibration, and the keys for STOP and quit.
 
-Imports no other module of this program.
+Imports no other module of this program, because the app needs the keys while it is loading.
 """
 
 from enum import IntEnum

@@ -43,7 +43,7 @@ class Motion:
 
     `speed_rad_per_s` (n,): slopes of straight lines fitted to the measured angles of the last 0.5 s.
     `still`: whether the spread of each joint's readings is within the limit of the procedure's `SettleRule`.
-    `held_s`: time at standstill so far. `needed_s`: time at standstill that settling and measuring a pose take.
+    `held_s`: time at standstill so far. `needed_s`: time at standstill that capturing a pose requires.
     `worst_joint`: joint (1-based) with the largest ratio of spread to limit. `spread_share`: this ratio.
     """
 
@@ -57,7 +57,7 @@ class Motion:
 
 
 class MotionMonitor:
-    """Computes `Motion` from snapshots; not thread-safe. `capture` contains the settle rule."""
+    """Computes `Motion` from the arm's snapshots with the settle rule of `capture`. Not thread-safe."""
 
     def __init__(self, arm: ArmModel, capture: CapturePlan) -> None:
         self._allowed = np.array(capture.settle.spread_rad(arm))

@@ -154,7 +154,7 @@ class Action(Entry):
     `guard`: returns why the action is refused, "" if it is allowed; also called when a question is answered.
     `work`: submits a task, changes a setting, or opens another session.
     `prompt`: text in plain mode; by default, label and help.
-    `rows`: returns prompts by row number; plain mode lists an action that has `rows` once for each row.
+    `rows`: for an action on one of several items; returns the prompt of each item in plain mode, by item number.
     """
 
     work: Callable[[ActionContext], None]
@@ -179,7 +179,7 @@ class ActionContext:
     s: SessionSnapshot
 
     def submit(self, kind: TaskKind, work: Callable[[Operations], None], text: str = "") -> None:
-        """Submit a task to the runner without waiting for it; `text`: description, by default of `kind`."""
+        """Submit a task to the runner without waiting for it; `text` describes the task (by default, as its kind)."""
         self.runner.submit(kind, text or kind.value, lambda: work(self.runner.operations))
 
     def ask(self, question: Question, then: Callable[[ActionContext, str], None]) -> None:

@@ -48,7 +48,7 @@ def campaign_from_log(arm: ArmModel, fixture: EndpointConstraint, state: Session
 
 
 def log_is_current(state: SessionState, settings: Mapping[str, Any]) -> bool:
-    """Whether the used poses are those of the recorded campaign, and its settings equal `settings`."""
+    """Whether the recorded campaign contains exactly the used poses and was begun with the same `settings`."""
     log = state.campaign
     started = set(log.begun["captured"]) | {
         data["number"] for name, data in log.steps if name == "pose"
@@ -91,9 +91,9 @@ def is_same_action(action: Action, name: str, data: Mapping[str, Any]) -> bool:
     return False
 
 
-def can_continue_from(action: Action, last: FloatArray, q_rad: FloatArray) -> bool:
-    """Whether an arm at `q_rad` can do `action`: it is at `last` or on the action's path, or `action` is Finished."""
-    if float(np.abs(q_rad - last).max()) <= SAME_POSITION_RAD or isinstance(action, Finished):
+def can_continue_from(action: Action, last_rad: FloatArray, q_rad: FloatArray) -> bool:
+    """Whether an arm at `q_rad` can do `action`: always if Finished, else at the recorded `last_rad` or on the path."""
+    if float(np.abs(q_rad - last_rad).max()) <= SAME_POSITION_RAD or isinstance(action, Finished):
         return True
     if not isinstance(action, GoTo):
         return False
@@ -101,8 +101,8 @@ def can_continue_from(action: Action, last: FloatArray, q_rad: FloatArray) -> bo
         return float(np.abs(action.trace_rad - q_rad).max(axis=-1).min()) <= SAME_POSITION_RAD
     columns = [j - 1 for j in action.targets_rad]
     goal = np.array(list(action.targets_rad.values()))
-    step = goal - last[columns]
+    step = goal - last_rad[columns]
     length = max(float(step @ step), 1e-12)
-    along = float(np.clip((q_rad[columns] - last[columns]) @ step / length, 0.0, 1.0))
-    distance = np.abs(q_rad[columns] - last[columns] - along * step)
+    along = float(np.clip((q_rad[columns] - last_rad[columns]) @ step / length, 0.0, 1.0))
+    distance = np.abs(q_rad[columns] - last_rad[columns] - along * step)
     return float(distance.max()) <= SAME_POSITION_RAD

@@ -36,9 +36,9 @@ CANDIDATES_PER_POSE = 4
 
 
 def connect(session: Session, listener: Listener, *, measuring: bool = True) -> ArmIdentity:
-    """Connect to the arm, and return its identity.
+    """Connect to the arm, and return its identity; `measuring`: whether to open the instrument of an open arm first.
 
-    If the only faults are drives that tripped on a lost operator heartbeat, resets these drives; they stay disabled.
+    Drives that tripped on a lost operator heartbeat are reset if there is no other fault. They stay disabled.
     """
     session.instruct = listener.report
     identity = session.connect(measuring=measuring)
@@ -67,9 +67,9 @@ def take_poses(
 ) -> Finished | None:
     """Capture the missing poses of the procedure, continuing where the journal ends.
 
-    `drives`: drive joints to put into position mode; None: those now in this mode. A plan in progress keeps its drives.
-    `homing`: whether the operator agrees that the arm first goes home if it is outside its box. Returns how a planned
-    capture ended; None for an explored capture. Raises Cancelled if the operator ended the capture.
+    `drives`: joints to put into position mode, by default those in this mode now. A plan in progress keeps its drives.
+    `homing`: whether the operator has agreed that an arm outside its box first goes home. Returns how a planned capture
+    ended; None for an explored capture. Raises Cancelled if the operator ended the capture.
     """
     joints = session.state.position_joints if drives is None else drives
     planned = end = None
@@ -170,7 +170,7 @@ def place_warning(session: Session) -> str:
 class _DriftCheck:
     """Measures captured poses again to detect shifts of joints and fixture.
 
-    `planned`: the planned capture, whose paths the drives follow. In an explored capture, None: the drives move
+    `planned`: the planned capture, whose paths the drives follow. None in an explored capture, in which the drives move
     straight, within their box.
 
     Methods that move the arm raise GuardError if the repeated pose shows a shift (see `_repeat`) or, in an explored
@@ -230,36 +230,36 @@ class _DriftCheck:
         return self._repeat(first, suspect=suspect)
 
     def _repeat(
-        self, first: CapturedPose, *, suspect: bool = False, speed_rad_per_s: float | None = None
+        self, pose: CapturedPose, *, suspect: bool = False, speed_rad_per_s: float | None = None
     ) -> Sequence[Mapping[int, float]]:
-        """Measure the pose `first` again and compare the two readings; if the pose cannot be measured, record why.
+        """Measure a captured pose again and compare the two readings; if the pose cannot be measured, record why.
 
-        Returns the drives' angles (rad) at the start of each move, for `retrace`. A shift between the readings raises
-        GuardError if the session was resumed, or `suspect` (the last pose may be an outlier); else it is only reported.
+        Returns the drives' angles (rad) at the start of each move, for `retrace`. A shift is reported. If the session
+        was resumed, or `suspect` is true because the last pose may be an outlier, a shift raises GuardError instead.
         """
         session, report = self.session, self.listener.report
         self.listener.going(None)
         if self.planned is None:
             q_rad, drives = session.arm.snapshot().positions_rad, session.state.position_joints
             way: Sequence[Mapping[int, float]] = [{j: float(q_rad[j - 1]) for j in drives}]
-            targets = {j: float(first.mean_rad[j - 1]) for j in drives}
+            targets = {j: float(pose.mean_rad[j - 1]) for j in drives}
             missed = drive_selection.reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
         else:
             missed, way = self.planned.to_first()
         resumed = session.state.resumed
         if not missed:
             try:
-                session.take_check_reading("return", of=first.number)
+                session.take_check_reading("return", of=pose.number)
             except TargetLostError as lost:
                 missed = lost.happened
         if missed:
-            session.record("return_missed", {"of": first.number, "reason": missed})
-            report(f"Pose {first.number} could not be measured again: {missed}.")
+            session.record("return_missed", {"of": pose.number, "reason": missed})
+            report(f"Pose {pose.number} could not be measured again: {missed}.")
             return way
         refuse = resumed or suspect
         text = check_repeat(session.state, session.procedure, refuse=refuse)
         if refuse:
-            session.record("return_holds", {"of": first.number, "told": text})
+            session.record("return_holds", {"of": pose.number, "told": text})
         report(text or agreement(session.state, session.procedure))
         return way
 

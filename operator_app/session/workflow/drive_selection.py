@@ -51,8 +51,8 @@ def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, 
 def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
     """Rank the sets of drive joints at the current pose and record the best usable one.
 
-    If the procedure requires a trial and `may_move` is true, the drives are enabled, and the joints of each of the best
-    sets are moved by 1.5 deg, before the choice is made.
+    If `may_move` is true and the procedure requires a trial, the choice is preceded by this trial: the drives are
+    enabled, and the joints of each of the best sets are moved by 1.5 deg.
     """
     arm, model = session.model, session.fixture.model(session.model)
     q_rad = session.arm.snapshot().positions_rad

@@ -32,14 +32,14 @@ class Exported:
 def export(
     session: Session, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
 ) -> Exported:
-    """Write the session's files; upload the parameters if `upload_too` is true (None: if the procedure says so).
+    """Write the session's files; upload the parameters if `upload_too` is true (None: as the procedure states).
 
     `forced`: reason for exporting a calibration that was not accepted; written to the journal and the file. Raises:
 
-    - GuardError: nothing was exported; `forced` is required and empty or, before an upload, counters or sensors may
-      have changed since the poses were captured (ConnectAgainError: a counter was reset).
-    - JournalLostError: nothing was exported; the journal was lost or changed.
-    - JournalError: the journal cannot be written; the message states what was uploaded.
+    - GuardError: nothing was exported. `forced` is required but empty or, in the case of an upload, counters or sensors
+      may have changed since the poses were captured. ConnectAgainError if a counter was reset.
+    - JournalError: the journal was lost or changed (JournalLostError), or cannot be written. The message states what
+      was uploaded, if anything.
     - UploadUnknown, SessionError: the controller may have stored all or part of the parameters; the journal states why.
     - KeyboardInterrupt during the upload: a note to the exception states that the result is unknown.
     """

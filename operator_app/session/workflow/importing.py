@@ -120,8 +120,8 @@ class ImportedSession:
     ) -> Path:
         """Write the journal into `folder`, or into a new folder below `root`; return the folder.
 
-        If `folder` already contains a session, `_replace_session` removes the files named in `stale` and replaces the
-        journal, or raises JournalError. Raises JournalError or WriteError if writing fails.
+        A session of imported poses in `folder` is replaced if its data are the same or `overwrite` is true. First, the
+        files named in `stale` are removed. Raises JournalError or WriteError if replacing or writing fails.
         """
         if folder is None:
             folder = new_folder(

@@ -11,7 +11,7 @@ class Listener:
         """The arm is about to move; `move` is the move of a planned capture, None for any other motion."""
 
     def planning(self, *, active: bool) -> None:
-        """Planning of the next poses begins (`active`) or has ended; nothing moves meanwhile."""
+        """Planning of the next poses begins if `active`, else it has ended. The arm stands still during planning."""
 
     def arrived(self, waypoint: int) -> None:
         """The arm is at a waypoint."""

@@ -117,7 +117,7 @@ class Opening:
 
     @property
     def effective_procedure(self) -> Procedure:
-        """The procedure; on a virtual bus or with a chosen scenario, its arm has the sensors of the virtual arm."""
+        """Procedure whose arm has the virtual arm's sensors if the bus is virtual or a scenario was chosen."""
         procedure, choices = self.procedure, self.choices
         if self.state.imported:
             return procedure
@@ -132,7 +132,7 @@ class Opening:
 class Rig:
     """An arm that is ready to be connected, and the opening of its session.
 
-    `opening`: its `choices` include values from the arm, the environment and defaults, which the journal records.
+    `opening`: its `choices`, which the journal records, are completed from the arm, the environment and defaults.
     `simulated`: whether the arm is simulated.
     `instrument`: measures the tool of an open arm; None if the loop is closed or no port is specified.
     `truths`: true parameters of an arm simulated in this process; None for any other arm.

@@ -91,20 +91,20 @@ class PlannedCapture:
 
     @property
     def complete(self) -> bool:
-        """After `ready`: whether the recorded campaign is complete."""
+        """Whether the recorded campaign is complete; valid after `ready`."""
         return self._ended is not None
 
     @property
     def continues_in_place(self) -> bool:
-        """After `ready`: whether the campaign is complete, or can continue from the arm's position."""
+        """Whether the recorded campaign can continue from the arm's position, or is complete; valid after `ready`."""
         return self._ended is not None or (self.campaign is not None and not self._moved)
 
     def run(self, after_pose: Callable[[], None] = lambda: None) -> Finished:
         """Carry out the campaign and return how it ended; the joints returned by `ready` must be in position mode.
 
-        Calls `after_pose` after each pose, while the path back to the first pose is still known. Raises GuardError if
-        the arm was moved during exploration, and is now outside its box or does not return to its last position.
-        Raises Cancelled if the operator ended a move; call `ready` and `run` again to continue.
+        Calls `after_pose` after each pose, while the path back to the first pose is still known. An arm that was moved
+        during exploration first returns to its last position. Raises GuardError if that fails or the arm is outside its
+        box, and Cancelled if the operator ended a move; call `ready` and `run` again to continue.
         """
         session = self._session
         if self._ended is not None:

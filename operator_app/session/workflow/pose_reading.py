@@ -152,7 +152,7 @@ class PoseReader:
     """Measures the poses of one session.
 
     `go_on`: function that is called while the instrument measures, and raises Cancelled if the operator has cancelled.
-    `recorded_latency` (attribute): host latency of this connection already in the journal.
+    `recorded_latency` (attribute): the part of this connection's host latency that is already in the journal.
     """
 
     def __init__(

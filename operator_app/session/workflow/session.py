@@ -69,7 +69,7 @@ class Session(Logbook):
         self._powered: tuple[int, ...] = ()
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
-        """Write an event to the journal, then apply it to the state; hold the arm before raising JournalLostError."""
+        """Record an event in journal and state; if the journal is lost, hold the arm and raise JournalLostError."""
         with self._holding_if_journal_is_lost():
             super().record(name, data)
 
@@ -170,9 +170,9 @@ class Session(Logbook):
         self.record("modes", {"modes": [JointMode.POSITION.value] * self.model.joint_count})
 
     def take_control(self) -> None:
-        """Enable the drives in position mode; record the arm's present joint angles and those of its home.
+        """Enable the drives in position mode, and record the joint angles of the present position and of the home.
 
-        Before that, the first call after each connection checks the readings, and refuses implausible ones.
+        Before enabling, the first call after each connection checks the readings and refuses implausible ones.
         """
         self.require_journal()
         self._check_readings()
@@ -195,7 +195,7 @@ class Session(Logbook):
     def require_counters_of_poses(self) -> None:
         """Before an upload, raise GuardError if counters or sensors may have changed since the poses were captured.
 
-        If the arm was connected again, also refuses implausible joint readings (checked once for each connection).
+        After connecting again, also checks the readings, once for each connection, and refuses implausible ones.
         """
         check_counters(self.model, self.arm.snapshot().positions_rad)
         require_no_sensor_fault(self.state, "an upload is refused")
@@ -207,14 +207,14 @@ class Session(Logbook):
     def go_to(
         self,
         targets_rad: Mapping[int, float],
-        also: Watch | None = None,
+        path_watch: Watch | None = None,
         *,
         speed_rad_per_s: float | None = None,
     ) -> MoveResult:
-        """Move joints in position mode to `targets_rad`, by joint; return the result of the move.
+        """Move joints in position mode to the angles `targets_rad`, by joint; return the result of the move.
 
-        The move ends early if `range_watch` or the function `also` returns a reason. Raises Cancelled if the operator
-        ended the move, and GuardError if the number of joints in position mode differs from `mobility`.
+        The move ends early if a joint is overloaded, too fast or near a range end, or `path_watch` returns a reason.
+        Raises Cancelled if the operator ended the move, and GuardError if not `mobility` joints are in position mode.
         """
         self.check_modes(self.state.position_joints)
         self.raise_if_cancelled()
@@ -222,14 +222,14 @@ class Session(Logbook):
         speed = self.procedure.capture.speed_rad_per_s
         if speed_rad_per_s is not None:
             speed = min(speed, speed_rad_per_s)
-        in_range = range_watch(self.model, coming_to_rest_s(speed) if also is None else 0.0)
+        in_range = range_watch(self.model, coming_to_rest_s(speed) if path_watch is None else 0.0)
         if self.identity is not None and self.identity.by_hand:
             self.instruct(by_hand_words(targets_rad))
 
         def watch(snapshot: ArmSnapshot) -> str | None:
             if self.cancelled():
                 return "ended by the operator"
-            return in_range(snapshot) or (None if also is None else also(snapshot))
+            return in_range(snapshot) or (None if path_watch is None else path_watch(snapshot))
 
         with self.reader.sensor_faults.recorded():
             outcome = self.arm.move(targets_rad, speed_rad_per_s=speed, watch=watch)
@@ -248,7 +248,7 @@ class Session(Logbook):
         return self.state.poses[-1]
 
     def take_check_reading(self, kind: str, *, of: int = 0) -> CheckReading:
-        """Measure and record a pose that is not used for the calibration; `kind`, `of`: as in `CheckReading`."""
+        """Measure and record a check reading, `kind` ``verification`` or ``return`` (repeat of pose number `of`)."""
         self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind, "of": of})
         return self.state.readings[-1]
 
@@ -256,7 +256,7 @@ class Session(Logbook):
         """Clear STOP and drive faults after recording why the arm was stopped; the drives stay disabled.
 
         Raises JournalError, and clears nothing, if the journal cannot be written. Raises Stopped if STOP was pressed
-        again, DriveFault if a fault cannot be cleared, and BusError.
+        again, DriveFault if a fault cannot be cleared, and BusError if the bus fails.
         """
         with suppress(HardwareError):
             self.reader.sensor_faults.record_stop_cause()
@@ -269,9 +269,9 @@ class Session(Logbook):
     # -- end -------------------------------------------------------------------------------------
 
     def release_holding(self) -> None:
-        """Hold the arm, switch its drives off and release control; set `held`: whether no drive follows commands.
+        """Hold the arm, switch its drives off and release control; set `held` according to the arm's confirmation.
 
-        First records the cause of a stop and the host latency, which are not available after the release.
+        First records host latency and why the arm has stopped, because neither is available after the release.
         """
         try:
             if not self.journal.closed and self.journal.loss is None:
@@ -303,7 +303,7 @@ class Session(Logbook):
 
     @property
     def not_held(self) -> DrivesNotOffError | None:
-        """Error stating that drives may still follow commands; None if the arm confirmed that none does (`held`)."""
+        """Error stating that drives may still follow commands; None if the arm confirmed the opposite."""
         return None if self.held else DrivesNotOffError(self._powered)
 
     def require_drives_off(self) -> None:
@@ -312,7 +312,7 @@ class Session(Logbook):
             raise DrivesNotOffError(self._powered)
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """Hold the arm and raise JournalLostError if the journal is lost; if `unchanged`, also if it was changed."""
+        """If the journal is lost, hold the arm and raise JournalLostError; `unchanged`: a changed line counts too."""
         with self._holding_if_journal_is_lost():
             super().require_journal(unchanged=unchanged)
 

@@ -178,8 +178,8 @@ class ConnectableArm:
 def release_arm(loop: ControlLoop) -> Sample | None:
     """Put all joints into position mode, then switch the drives off (valves blocked). STOP is not reset.
 
-    While STOP is latched, the drives hold in quick stop, and only a drive that is still enabled is switched off.
-    Returns the last sample; None if the arm did not answer.
+    While STOP is latched, drives in quick stop stay there and hold; only enabled drives are switched off. Returns the
+    last sample; None if the arm did not answer.
     """
     # A latched STOP holds the drives by itself; a stop that the supervisor reports does not. If one node is silent,
     # the other drives are switched off nevertheless.

@@ -106,7 +106,10 @@ class Drive:
             self._hold()
 
     def lose_heartbeat(self) -> None:
-        """Go to fault if a node is in control; a drive with power holds its position until the fault is reset."""
+        """Put this drive into the fault state because the heartbeat of the node in control is missing.
+
+        A drive with power holds its position until the fault is reset. If no node is in control, nothing happens.
+        """
         known = EmergencyCode.HEARTBEAT_LOST in self.errors
         if self.ignores_heartbeat or known or not self.in_control:
             return

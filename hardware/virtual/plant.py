@@ -69,7 +69,7 @@ class Loads:
         """Return these loads adapted to `arm`: gravity from the arm file, friction proportional to the torque limits.
 
         If the arm's weakest drive is weaker than the paper's, all masses are reduced in proportion. If these loads are
-        not for n joints, the number of `arm`, frames n // 2 and n - 2 each carry the largest mass, other frames none.
+        for another number of joints than the arm's n, frames n // 2 and n - 2 each carry the largest mass, others none.
         """
         weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
         n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)

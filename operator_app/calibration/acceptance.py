@@ -268,15 +268,15 @@ def return_tests(
 
 
 def proven_by_return(
-    since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
+    by_repeats: tuple[Finding, ...], by_tests: tuple[Finding, ...]
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """Return the causes that repeated poses prove, and the remaining causes in `by_tests`. All proven causes block.
+    """Return the proven causes, and the other causes that tests of the fit found (`by_tests`).
 
-    `since`: causes from repeated poses (proven if they block). `by_tests`: causes from tests of the fit. A proven cause
-    that is also in `by_tests` is taken from there. It blocks even if small, because the fault has widened the sigmas.
+    A blocking cause that repeated poses found (`by_repeats`) is proven. If the tests found the same cause, the tests'
+    finding is returned. It blocks acceptance even if the error seems small, because the fault has widened the sigmas.
     """
     proven: list[Finding] = []
-    for returned in (c for c in since if c.blocking):
+    for returned in (c for c in by_repeats if c.blocking):
         same = [c for c in by_tests if not not_yet_named((returned,), (c,))]
         proven += [replace(c, blocking=True) for c in same] or [returned]
     codes = {cause.code for cause in proven}
@@ -289,8 +289,10 @@ SLIP_KINDS = frozenset(
 """Steps of a fixture, an instrument or a target from one pose to the next."""
 
 
-def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return the causes in `since` (from repeated poses) that no cause in `by_tests` (from tests of the fit) confirms.
+def not_yet_named(
+    by_repeats: tuple[Finding, ...], by_tests: tuple[Finding, ...]
+) -> tuple[Finding, ...]:
+    """Return the causes that repeated poses found (`by_repeats`) and no test of the fit (`by_tests`) confirms.
 
     A movement of the fixture is confirmed by a slip of fixture, instrument or target, but not by compliance. A step of
     a joint's reading is confirmed by any error of this joint's sensor or reading, but not by a wrong length.
@@ -299,7 +301,7 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}
     return tuple(
         c
-        for c in since
+        for c in by_repeats
         if not (slipped if c.kind is FindingKind.REPEAT_FIXTURE_MOVED else c.joint in joints)
     )
 

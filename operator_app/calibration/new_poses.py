@@ -55,7 +55,7 @@ def is_elsewhere(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) 
 
 
 def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
-    """Whether the new poses are of one calibrated placement or of all calibrated placements."""
+    """Whether the placements of `new` were calibrated with `made_from`: either all of its placements or one of them."""
     known, states = made_from.placements, new.placements
     # Files have placement 1 by default: it stands for the only calibrated placement, whatever its number.
     if len(known) == 1 and states == (DEFAULT_PLACEMENT,):

@@ -3,9 +3,9 @@
 Earlier poses determine the arm's own entries. Offsets that are measured from the fixture change within the fixture's
 tolerance at each remounting. If the fixture was once mounted outside its tolerance, the prior is wider accordingly.
 
-The innovation is the deviation of a reading from its prediction by earlier poses of the same placement. Poses nearby
-also show the local linearity deviation, sag and compliance. A prediction from the parameters alone would be uncertain
-by these errors; this prediction is not.
+The innovation is the deviation of a reading from its prediction by earlier poses of the same placement. Linearity
+deviation, sag and compliance are nearly the same in poses nearby. So they do not make this prediction uncertain, but
+they would make a prediction from the parameters alone uncertain.
 """
 
 from collections.abc import Mapping

@@ -117,7 +117,7 @@ def find_dwells(
 
 
 def smallest_spread_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the largest spread of a joint, rad, in the calmest window of `dwell_s` s; inf if there is no window."""
+    """Return the smallest spread, rad, that all joints keep to in some window of `dwell_s` s; inf without window."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 

@@ -225,10 +225,11 @@ def shifted(
     *,
     variance_factor: float = 1.0,
 ) -> CommonShift | None:
-    """Return the most significant shift common to all poses; None if no shift is significant.
+    """Return the most significant shift of one subject that is the same in all poses; None if none is significant.
 
-    `subjects`: for each joint or half of the fixture, by name, derivatives (m, r, c) of the r misclosures of m poses by
-    the c components of a shift. `variance_factor`: largest ratio of actual variances to those of `residuals`.
+    `subjects`: what may have shifted (a joint or a half of the fixture), by name. The value (m, r, c) is the change of
+    each pose's r misclosures per unit of each of the shift's c components.
+    `variance_factor`: largest ratio of actual variances to those of `residuals`.
     """
     shifts = []
     for name, columns in subjects.items():

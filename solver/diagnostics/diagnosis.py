@@ -169,7 +169,7 @@ def _explanations(
             residuals = residuals.with_columns(cause.columns, sd)
         else:
             own = cause.columns * sd.reshape(len(cause.own), 1, -1)
-            residuals = OwnColumns(residuals, cause.own, own).drawn()
+            residuals = OwnColumns(residuals, cause.own, own).as_noise()
         outliers, tests = _residual_tests(faults, residuals, residuals)
         tests.append(HypothesisTest.of_chi2("CHI2_STATED", residuals.chi2, residuals.dof))
         if not any(test.fires for test in tests):
@@ -179,7 +179,10 @@ def _explanations(
 def _changes(
     faults: FaultModels, residuals: WhitenedResiduals, outliers: Outliers
 ) -> Iterable[Candidate]:
-    """Yield a candidate for each step and group of outliers; `outliers`: result of `find_outliers` at scale 1."""
+    """Yield candidates for step changes at some pose, then for the 1, 2, 3 most probable outliers and all of them.
+
+    `outliers`: the outliers if the noise is as large as stated.
+    """
     scale = float(noise_scale(residuals.chi2, residuals.dof))
     for step in steps(residuals, faults.changes(), scale=scale):
         yield step.suspect.from_pose(step.pose)

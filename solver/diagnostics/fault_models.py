@@ -125,9 +125,9 @@ class Candidate:
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
         """Return the sensor's largest deviation over the poses, with its standard deviation.
 
-        The result is the deviation from the true angle or from the best-fit line (`measured`, if known), whichever
-        exceeds `most_stated` by more sigmas. The line takes up the gain error, which the poses determine badly.
-        If `measured` certainly exceeds `most_stated`, `measured` is returned in any case.
+        There are two candidates: the deviation from the true angle, and the deviation from the best-fit line, which
+        takes up the gain error. The second is `measured`, if that is known. The candidate that exceeds `most_stated` by
+        more sigmas is returned. But if `measured` certainly exceeds `most_stated`, it is returned in any case.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

@@ -174,8 +174,8 @@ class OwnColumns:
         """Return the change of the parameters (P,) when the columns are fitted with the coefficients `solved`."""
         return np.asarray(self.residuals.to_x @ (self.overlap.T @ solved.b))
 
-    def drawn(self) -> WhitenedResiduals:
-        """Return the residuals if the columns, with coefficients ~ N(0, 1), count as further noise of `poses`."""
+    def as_noise(self) -> WhitenedResiduals:
+        """Return the residuals for a model with the columns as further noise of `poses`, their coefficients ~ N(0, 1)."""
         residuals, solved = self.residuals, self.solved(1.0)
         b = (self.rotation @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = residuals.white + residuals.U @ (self.overlap.T @ solved.b)

@@ -413,9 +413,9 @@ class Layout:
         return np.asarray(np.clip(v, self.floors, self.ceilings))
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """Return the variances (K,) that the files state, except perhaps that of the fixture's placement.
+        """Return the variances (K,) that the files state.
 
-        The placement has its variance in `v` (K,) if this is larger than the stated one.
+        For the fixture's placement, it is the larger of the stated variance and the variance in `v` (K,).
         """
         stated = self.stated_variances()
         if (k := self.index.get(PLACEMENT)) is not None:

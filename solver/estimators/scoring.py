@@ -246,7 +246,7 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
-        """Solve ``metric @ change = score``, with each variance that would leave its bounds fixed at the bound."""
+        """Return the step (K,) with ``metric @ change = score``; a variance that would leave its bounds stops there."""
         change, free = np.zeros(len(v)), moving.copy()
         ridged = metric + 1e-9 * np.eye(len(v))
         while free.any():

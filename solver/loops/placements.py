@@ -124,10 +124,11 @@ class Placements(ClosureModel):
         return np.take(np.concatenate(arrays, axis=axis), back_to_caller(order), axis=axis)
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """Return the equivalent parameter vectors of all loops together (E, P).
+        """Return all parameter vectors (E, P) that describe the same loops as `x` (P,).
 
-        Each combines one equivalent vector of every placement, all with the same values of shared unknowns. If there
-        are more than `MAX_COMBINATIONS`, only vectors that differ from the first in a single placement are listed.
+        Each vector combines one equivalent vector of each placement. The placements agree on the unknowns that they
+        share. If there are more than `MAX_COMBINATIONS` combinations, only those are listed that differ from the first
+        in a single placement.
         """
         x = np.asarray(x, dtype=np.float64)
         shared = self._shared

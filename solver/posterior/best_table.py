@@ -43,7 +43,7 @@ class BestTable:
     `rows` (5, n): theta_off, s, a, alpha and beta of links 1..n, rad and m. `tip_m` (3,): the tool's point in frame n.
     `entries`: names of the k entries and tip coordinates that the fit determines.
     `covariance` (k, k): covariance of `entries`, rad and m.
-    `left_m`: rms tool displacement by the part of the corrections that no table represents, including its uncertainty.
+    `left_m`: rms position error of the tool, m, from corrections that no D-H table represents, and their uncertainty.
     `sigma_m`: expected rms position error of the tool where the arm is used.
     """
 

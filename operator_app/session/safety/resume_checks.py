@@ -261,7 +261,10 @@ def _cause_text(near: Innovation | None) -> str:
 
 
 def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
-    """Return the fixture; an instrument is placed as calibrated, or else by its file, or else by a fit to the poses."""
+    """Return the fixture of the session. A fixture that is an instrument is given its place in the arm's base frame.
+
+    The place is the calibrated one. Without a calibration, it is that of the file, or else is fitted to the poses.
+    """
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):

@@ -239,7 +239,7 @@ def test_random_columns_count_as_noise_of_their_poses(left):
     own, other = np.array([3, 20, 31]), rng.normal(size=(MORE_POSES, ROWS, 2))
     blocks = 5.0 * pose_columns(left, own)
     there = left.with_columns(written_out(MORE_POSES, own, blocks), np.ones(len(own) * ROWS))
-    here = OwnColumns(left, own, blocks).drawn()
+    here = OwnColumns(left, own, blocks).as_noise()
     assert here.U.shape == left.U.shape
     assert here.chi2 == pytest.approx(there.chi2)
     np.testing.assert_allclose(covariance(here), covariance(there), rtol=1e-8, atol=1e-12)

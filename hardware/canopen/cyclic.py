@@ -102,7 +102,7 @@ class JointFrames:
         )
         self.commands = {pdo.cob_id: PdoFields(pdo, bus_profile.COMMAND_OBJECTS) for pdo in order}
         self._controlling = {p.cob_id for p in joint.commands if CONTROLWORD in p.carried}
-        self._mode_codes = profile.mode_codes
+        self._mode_codes = {mode: profile.mode_codes[mode] for mode in JointMode}
 
     def pack(self, setpoint: Setpoint) -> tuple[tuple[int, bytes], ...]:
         """Return identifier and data of the frames that carry a setpoint, in the order to be sent."""

@@ -75,6 +75,8 @@ class CanopenArm(ConnectableArm):
         """
         if len(modes) != self.joints:
             raise ValueError(f"{self.joints} joints need one mode each, not {len(modes)}")
+        # An unknown mode must not reach the control loop.
+        modes = [JointMode(mode) for mode in modes]
         try:
             self._set_modes(modes)
         except errors.ModeNotReached:
@@ -201,8 +203,8 @@ class CanopenArm(ConnectableArm):
             raise stop_error(self._link.loop.watch.divergence)
 
     def _raise_for_drives(self, joints: tuple[int, ...], required: str) -> None:
-        link = self._link
         for joint in joints:
+            link = self._link
             status = link.loop.sample.statuswords[joint - 1]
             state = state_of(status)
             if state is DriveState.FAULT:

@@ -157,13 +157,14 @@ class ConnectableArm:
         return Connection(self.on_bus, record_to=record_to, latch=self._latch, clock=self._clock)
 
     def _release(self, link: Connection) -> None:
+        in_control = link.in_control
         try:
             # Without control: an earlier or another program may have left drives with power.
-            last = release_arm(link.loop) if link.in_control else link.loop.sample
+            last = release_arm(link.loop) if in_control else link.loop.sample
             if last is not None:
-                self._left_held = _stopped(last) and (link.in_control or not link.is_lost())
+                self._left_held = _stopped(last) and (in_control or not link.is_lost())
                 self.left_powered = last.joints_in(CLOSED_LOOP_STATES)
-            if link.in_control:
+            if in_control:
                 with contextlib.suppress(errors.HardwareError):  # it lapses with the heartbeat
                     link.release_token()
         finally:

@@ -182,7 +182,7 @@ class Drive:
         switching = mode not in (None, self.mode) and not self._holding
         self._switching_for = self._switching_for + 1 if switching else 0
         if self._switching_for >= self.axis.mode_switch_cycles and not self.refuses_modes:
-            self.mode = mode
+            self.mode, self._switching_for = mode, 0
             self._set_target_to_position()
 
     def _supervise(self) -> None:

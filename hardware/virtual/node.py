@@ -108,9 +108,9 @@ class VirtualNode:
 
     def send_emergency(self, errors: Sequence[EmergencyCode]) -> None:
         """Send the emergency of the latest active error, or of the end of all errors; update 1001h and 1003h."""
-        code, register = EmergencyCode.NONE, ErrorBit(0)
-        for code in errors:
-            register |= ErrorBit.GENERIC | _REGISTER.get(code, ErrorBit.PROFILE)
+        code, register = errors[-1] if errors else EmergencyCode.NONE, ErrorBit(0)
+        for error in errors:
+            register |= ErrorBit.GENERIC | _REGISTER.get(error, ErrorBit.PROFILE)
         self.error_register = register
         if errors:
             codes = [int(code), *self._history.values()][: objects.ERROR_HISTORY]

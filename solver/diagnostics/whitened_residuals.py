@@ -175,7 +175,7 @@ class OwnColumns:
         return np.asarray(self.residuals.to_x @ (self.overlap.T @ solved.b))
 
     def as_noise(self) -> WhitenedResiduals:
-        """Return the residuals for a model with the columns as further noise of `poses`, their coefficients ~ N(0, 1)."""
+        """Return the residuals for a model with the columns as further noise of `poses`; coefficients are ~ N(0, 1)."""
         residuals, solved = self.residuals, self.solved(1.0)
         b = (self.rotation @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = residuals.white + residuals.U @ (self.overlap.T @ solved.b)

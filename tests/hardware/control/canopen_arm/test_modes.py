@@ -166,13 +166,14 @@ def test_refused_position_mode_leaves_all_other_joints_held(driven, bus):
     assert [drive.mode for drive in bus.drives.values()] == [8, 8, 8, 10, 8, 8, 8]
 
 
-def test_hold_sets_position_mode_and_current_position(driven, bus):
+def test_hold_after_an_unknown_mode_sets_position_mode_and_current_position(driven, bus):
+    with pytest.raises(ValueError, match="JointMode"):
+        driven.set_modes([None] * JOINTS)
     assert [drive.mode for drive in bus.drives.values()] == [10, 8, 10, 10, 8, 10, 10]
     assert [joint.mode for joint in driven.snapshot().joints] == TWO_DRIVEN
     bus.drives[3].counts = 3456
     driven.hold()
-    assert bus.drives[3].target == 3456
-    assert {drive.mode for drive in bus.drives.values()} == {8}
+    assert (bus.drives[3].target, {drive.mode for drive in bus.drives.values()}) == (3456, {8})
 
 
 def test_missing_following_bit_raises_mode_not_reached(arm, bus):

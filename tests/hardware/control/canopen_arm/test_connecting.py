@@ -104,7 +104,7 @@ def test_bus_failure_during_boot_ends_connecting(bus):
         make(bus).connect()
 
 
-SHORT_SDO_TIMEOUT = short_timing(sdo_timeout_s=0.05)
+SHORT_SDO_TIMEOUT = short_timing(sdo_timeout_s=0.15)
 
 
 def one_in(count: int) -> Callable[[int, bytes], bool]:

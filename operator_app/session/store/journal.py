@@ -291,12 +291,14 @@ def is_in_use(folder: Path) -> bool:
 
 
 @contextmanager
-def locked(path: Path, access: int = os.O_RDONLY) -> Iterator[None]:
+def locked(
+    path: Path, access: int = os.O_RDONLY, remedy: str = "name another folder"
+) -> Iterator[None]:
     """Context in which no other process uses a journal; raises `JournalError` if one does, or it cannot be opened.
 
     `access`: how the journal is opened; on some file systems, only a journal opened for writing can be locked.
     """
-    with os_errors_as_journal_errors(f"cannot open {path}", "name another folder"):
+    with os_errors_as_journal_errors(f"cannot open {path}", remedy):
         descriptor = os.open(path, access | os.O_NONBLOCK | os.O_CLOEXEC)
     _lock(descriptor, path)
     try:

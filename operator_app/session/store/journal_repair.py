@@ -81,7 +81,7 @@ def repair_journal(folder: Path) -> RepairResult:
     require_own_format(complete, rest, path)
     remedy = "free space, or copy the folder to one with write permission"
     problem = os_errors_as_journal_errors(f"cannot repair {path}", remedy)
-    with locked(path, os.O_RDWR), problem:
+    with locked(path, os.O_RDWR, remedy), problem:
         lines, torn = examine_lines(read_bytes(path))
         events = [line.event for line in lines if line.event is not None]
         aside = None

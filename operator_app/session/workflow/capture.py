@@ -30,6 +30,7 @@ from operator_app.units import REACH, SPAN, joints_named, others_free
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
 from solver.design.actions import Finished
+from solver.loops.placements import Placements
 
 CANDIDATES_PER_POSE = 4
 """Factor by which more targets are generated if only targets with a clear straight path can be used."""
@@ -117,7 +118,7 @@ def take_poses(
 
 def go_home_if_outside(session: Session, listener: Listener) -> None:
     """Go home if a drive joint is outside its box; call it only if the operator has agreed."""
-    away = drive_selection.joints_outside_box(session)
+    away = drive_selection.joints_outside_box(session, session.arm.snapshot().positions_rad)
     if away:
         listener.report(f"Going home at 5 deg/s: {', '.join(away.values())}.")
         listener.going(None)
@@ -318,9 +319,10 @@ def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[M
     which the straight path is clear, according to the calibrated loop.
     """
     known = {box.joint for box in session.procedure.capture.exploration}
-    # The last placement that has poses is the current one.
-    model, columns, _ = solution.model.parts()[-1]
-    x = solution.estimate.x[columns]
+    model, x = solution.model, solution.estimate.x
+    if isinstance(model, Placements):
+        model, columns = model.of(session.state.placement)
+        x = x[columns]
     clear = known >= set(session.state.position_joints)
     candidates = poses if clear else CANDIDATES_PER_POSE * poses
     # Neither the session nor an earlier verification has used this seed.

@@ -121,9 +121,9 @@ HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
 """Speed of moves home, slow enough for a person beside the arm to react."""
 
 
-def joints_outside_box(session: Session) -> dict[int, str]:
-    """Return text about each drive joint outside the procedure's box, by joint; empty if all are inside."""
-    box, q_rad = drive_box(session), session.arm.snapshot().positions_rad
+def joints_outside_box(session: Session, q_rad: FloatArray) -> dict[int, str]:
+    """Return text about each drive joint outside the procedure's box at readings `q_rad` (n,), by joint."""
+    box = drive_box(session)
     beyond = box.beyond_rad(q_rad)
     return {
         j: f"joint {j} is at {REACH(float(q_rad[j - 1])).with_unit}, outside "
@@ -141,7 +141,7 @@ def require_no_reset_counter(session: Session) -> None:
     q_rad = session.arm.snapshot().positions_rad
     zeros = [
         j
-        for j in joints_outside_box(session)
+        for j in joints_outside_box(session, q_rad)
         if abs(q_rad[j - 1]) <= RESET_COUNTER_RAD
         and isinstance(session.model.joints[j - 1].sensor, Encoder)
     ]
@@ -156,7 +156,7 @@ def require_no_reset_counter(session: Session) -> None:
 
 def require_in_box(session: Session) -> None:
     """Raise GuardError if a drive joint is outside the box."""
-    away = joints_outside_box(session)
+    away = joints_outside_box(session, session.arm.snapshot().positions_rad)
     if away:
         require_no_reset_counter(session)
         raise GuardError(

@@ -133,6 +133,5 @@ class FixtureView(StepView):
     def show(self, s: SessionSnapshot) -> None:
         """Show a snapshot; on a large terminal, the set-up checks get the rows that the other panels do not need."""
         for panel in (self.query_one(PlacementPanel), self.query_one(_ChecklistPanel)):
-            rows = panel.rows_of_all(s)
-            panel.styles.height = None if self.compact else rows + FRAME_ROWS
+            panel.styles.height = None if self.compact else panel.rows_of_all(s) + FRAME_ROWS
         super().show(s)

@@ -214,6 +214,11 @@ async def test_real_arm_ticks_check_list_items_singly(still):
         assert len(d.runner.asked) == items
         await d.press("x")
         assert len(d.runner.picture.ticked) == items - 1
+    async with still(picture, step=Step.FIXTURE, size=(80, 24)) as d:
+        for key in ("v", "x", "x"):
+            await d.press(key)
+            d.app.poll()
+        assert not d.runner.picture.ticked, "a hidden list stays at its item"
 
 
 async def test_real_arm_needs_the_stop_test_first(still):

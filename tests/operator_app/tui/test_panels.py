@@ -180,8 +180,7 @@ def test_target_of_a_planned_capture_is_not_the_waypoint_of_a_single_move():
     assert target(s).startswith(f"a: chosen by the plan; g: {waypoint}")
     running = busy(s, TaskKind.AUTOMATIC, moves=True)
     assert waypoint not in target(running)
-    task = replace(running.task, planning=True)
-    assert "being planned" in target(replace(running, task=task))
+    assert "being planned" in target(replace(running, task=replace(running.task, planning=True)))
     assert target(busy(s, TaskKind.MOVE, moves=True)).startswith(waypoint)
 
 
@@ -192,11 +191,8 @@ async def test_fixture_step_shows_the_whole_placement_and_all_ranges_of_a_ball(s
     async with still(s, step=Step.FIXTURE) as d:
         await d.settle()
         assert d.app.main.query_one("#checklist").content_size.height < 11, "no empty rows"
-        placement = d.words("#placement")
-        for name in ("ground_x", "ground_y", "ground_z", "tip_x", "tip_y", "tip_z"):
-            assert name in placement
-        assert "±" in placement
-        assert "Unknowns" in placement
+        for word in "ground_x ground_y ground_z tip_x tip_y tip_z ± Unknowns".split():
+            assert word in d.words("#placement")
         checks = d.words("#checks")
         assert all(f"J{j} " in checks.partition("ranges of the joints")[2] for j in range(1, 8))
         assert ball.fixture.checklist[-1].split()[-1] in d.words("#checklist")
@@ -204,8 +200,7 @@ async def test_fixture_step_shows_the_whole_placement_and_all_ranges_of_a_ball(s
 
 def test_target_of_four_drives_is_shown_in_full():
     s = story()["capturing"]
-    target = dict.fromkeys((1, 5, 6, 7), -1.5)
-    s = replace(s, plan=tuple(target for _ in s.plan))
+    s = replace(s, plan=(dict.fromkeys((1, 5, 6, 7), -1.5),) * len(s.plan))
     rows = lines_of(StillPanel(), s, 66, 3)
     assert len(rows) == 3
     assert "".join(rows[:2]).count("-85.94") == 4

@@ -191,8 +191,8 @@ async def test_fixture_step_shows_the_whole_placement_and_all_ranges_of_a_ball(s
     async with still(s, step=Step.FIXTURE) as d:
         await d.settle()
         assert d.app.main.query_one("#checklist").content_size.height < 11, "no empty rows"
-        for word in "ground_x ground_y ground_z tip_x tip_y tip_z ± Unknowns".split():
-            assert word in d.words("#placement")
+        for row in ("ground_x", "ground_y", "ground_z", "tip_x", "tip_y", "tip_z", "±", "Unknowns"):
+            assert row in d.words("#placement")
         checks = d.words("#checks")
         assert all(f"J{j} " in checks.partition("ranges of the joints")[2] for j in range(1, 8))
         assert ball.fixture.checklist[-1].split()[-1] in d.words("#checklist")

@@ -134,11 +134,17 @@ def rvdt_deviations(subject: Subject, joint: int, figures: RvdtFigures) -> Pictu
     low, high = (Figure(float(v), CLOSURE_ANGLE) for v in (curve.min(), curve.max()))
     allowed = CLOSURE_ANGLE.per_si * sensor.linearity_rad
     x, y = _scaled(figures.angle_rad, units.ANGLE), _scaled(figures.deviation_rad, CLOSURE_ANGLE)
+    tested = figures.angle_rad + figures.deviation_rad
+    poses = subject.used
+    if len(poses) != len(tested):
+        # Repeated poses were tested as one, and of thousands of poses only some: find each by its reading.
+        apart = np.abs(tested[:, None] - subject.readings_rad[:, joint - 1])
+        poses = tuple(poses[k] for k in apart.argmin(axis=1))
     tips = [
         f"pose {p.number}: deviation {Figure(v, CLOSURE_ANGLE, places=2).with_unit} at "
         f"{Figure(a, units.ANGLE, places=2).with_unit}"
         for p, a, v in zip(
-            subject.used, figures.angle_rad.tolist(), figures.deviation_rad.tolist(), strict=True
+            poses, figures.angle_rad.tolist(), figures.deviation_rad.tolist(), strict=True
         )
     ]
     reading, add, sigma = figures.table_rad.T

@@ -60,11 +60,10 @@ def test_result_agrees_with_the_command(result, run_command):
 def test_the_best_table_has_the_base_frame_of_the_arm_file(result, approve):
     document, rows = result.to_json(), result.arm._model.table.stacked()
     ground = [name for name, side in document["side"].items() if side == "ground"]
-    assert {"s_1", "theta_off_1"} <= {*ground} & {*document["best_table"]}
-    assert document["best_table"]["s_1"] == rows[DhKind.S, 0]
-    assert document["best_table"]["theta_off_1"] == pytest.approx(
-        np.rad2deg(rows[DhKind.THETA_OFF, 0])
-    )
+    best = document["best_table"]
+    assert {"s_1", "theta_off_1"} <= {*ground} & {*best}
+    assert best["s_1"] == rows[DhKind.S, 0]
+    assert best["theta_off_1"] == pytest.approx(np.rad2deg(rows[DhKind.THETA_OFF, 0]))
     approve(result._facts.table("best_table").note)
 
 
@@ -82,14 +81,15 @@ def test_arrays_file_and_data_frame_give_the_same_poses(result):
     assert "in radians" in sarcal.poses_of(q_deg=poses.q_rad)._warnings[0].text
     repeated = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=in_rad)
     assert dict(repeated.values) == pytest.approx(dict(result.values), abs=1e-6)
+    doubled = sarcal.poses_of(q_rad=np.vstack((poses.q_rad, poses.q_rad[:3])))
+    more = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=doubled)
+    assert more.figure("rvdt").svg.count("pose 3: deviation") == 2
     with pytest.raises(TypeError, match="does not state its unit"):
         sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=poses.q_rad)
 
 
 class _Frame(dict[object, list[float]]):
-    @property
-    def columns(self):
-        return list(self)
+    columns = property(list)
 
 
 def test_pandas_data_frames_are_accepted_and_returned(result):

@@ -147,5 +147,5 @@ def test_link_tolerances_override_and_gravity_has_any_length(length):
 
 def test_json_schema_states_the_frame_of_a_centre_and_the_required_keys():
     link = json_schema("arm")["$defs"]["LinkModel"]
-    assert "along the joint's axis" in link["properties"]["centre_m"]["description"]
+    assert "origin of frame j-1" in link["properties"]["centre_m"]["description"]
     assert set(link["required"]) == {"link", "mass_kg", "centre_m"}

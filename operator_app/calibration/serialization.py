@@ -17,6 +17,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 import numpy as np
 
+from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.loops.closure import ClosureModel
 from solver.loops.dh import DhLoop
 from solver.loops.endpoints import MeasuredClosure, PointClosure
@@ -28,6 +29,9 @@ STORED_TYPES: Mapping[type, tuple[type, ...]] = {
     ClosureModel: (DhLoop, PointClosure, MeasuredClosure, Placements)
 }
 """Classes allowed where an interface is declared; the name of the class is stored as ``kind``."""
+
+ARRAYS: Mapping[Any, type] = {FloatArray: np.float64, IntArray: np.int64, BoolArray: np.bool_}
+"""Declared types of arrays and their numbers. The hints themselves are compared: since NumPy 2.5, they are aliases."""
 
 T = TypeVar("T")
 
@@ -96,9 +100,9 @@ def _decoded(hint: Any, data: Any) -> Any:
         if data not in arguments:
             raise ValueError(f"{data!r} is not one of {arguments}")
         return data
-    if origin is np.ndarray:
-        array = np.array([float(v) for v in data["values"]]).astype(get_args(arguments[1])[0])
-        array = array.reshape(data["shape"])
+    if (number := ARRAYS.get(hint)) is not None:
+        array = np.array([float(v) for v in data["values"]]).reshape(data["shape"])
+        array = array.astype(number)
         array.setflags(write=False)
         return array
     if origin is tuple:

@@ -133,10 +133,9 @@ class Drive:
         if self._command is None:
             enabled = self.state is DriveState.OPERATION_ENABLED
             servo = self._holding or self._is_servo_on
-            self._command = JointCommand(
-                mode=JointMode.POSITION if servo else self.mode if enabled else None,
-                target_rad=self.axis.scale.to_rad(self.target_counts if servo else self.counts),
-            )
+            mode = JointMode.POSITION if servo else self.mode if enabled else None
+            target_counts = self.target_counts if servo else self.counts
+            self._command = mode, self.axis.scale.to_rad(target_counts)
         return self._command
 
     def read(self, counts: int, torque_nm: float, speed_rad_per_s: float) -> None:

@@ -5,7 +5,6 @@ TPDO1 and RPDO1 are packed by `struct`, for speed; a test compares their layouts
 
 import struct
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
 from hardware.arm import JointMode
@@ -118,23 +117,20 @@ class DriveGroup:
 
     def step(self) -> None:
         """Advance one control period: step the plant, pass the readings to the drives, stop all if one has tripped."""
-        reading = self._plant.step([self._command_of(node) for node in self.drives])
-        values = reading.position_counts, reading.torque_nm, reading.speed_rad_per_s
-        for node, counts, torque, speed in zip(self.drives, *values, strict=True):
+        readings = self._plant.step([self._command_of(node) for node in self.drives])
+        for node, counts, torque, speed in zip(self.drives, *readings, strict=True):
             node.drive.read(self._disturbances.read(node.number, counts), torque, speed)
         if any(node.drive.state in cia402.FAULT_STATES for node in self.drives):
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
-        command, faults = node.drive.command(), self._disturbances
-        if command.mode is JointMode.FREE and node.number in faults.blocked:
-            return replace(command, mode=None)
-        if command.mode is JointMode.POSITION and node.number in faults.sagging:
-            return replace(command, mode=JointMode.FREE)
+        (mode, target_rad), faults = node.drive.command(), self._disturbances
+        if mode is JointMode.FREE and node.number in faults.blocked:
+            return None, target_rad
+        if mode is JointMode.POSITION and node.number in faults.sagging:
+            return JointMode.FREE, target_rad
         error = faults.divergence(node.number) - faults.lost_counts.get(node.number, 0)
-        if not error:
-            return command
-        return replace(command, target_rad=command.target_rad + node.axis.scale.to_rad(error))
+        return mode, target_rad + node.axis.scale.to_rad(error)
 
     def quick_stop(self) -> None:
         """Stop and hold every drive that is enabled."""

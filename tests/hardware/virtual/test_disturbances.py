@@ -78,14 +78,14 @@ def test_silent_node_receives_nothing_and_holds_after_heartbeat_timeout(arm):
     arm.peer.command(4, 0x00, 0, 8)
     arm.peer.send(0x080)
     arm.run_in_loop()
-    assert arm.plant.commands[3].mode is JointMode.FREE
+    assert arm.plant.commands[3][0] is JointMode.FREE
     for _ in range(6):
         arm.clock.time_s += 0.1
         arm.peer.beat()
         arm.run_in_loop()
     arm.peer.send(0x080)
     arm.run_in_loop()
-    assert arm.plant.commands[3].mode is JointMode.POSITION
+    assert arm.plant.commands[3][0] is JointMode.POSITION
     arm.clear_disturbance("cut_since_s", 4)
     states = arm.peer.sync()
     assert states[3][0] & 0x4F == FAULT

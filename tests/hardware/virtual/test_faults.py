@@ -23,7 +23,7 @@ def expect_trip(arm: Rig, joint: int, code: int) -> None:
         else:
             assert word & STATE == QUICK_STOPPED
             assert emergency_codes(arm, j) == []
-    modes = [command.mode for command in arm.plant.commands]
+    modes = [mode for mode, _ in arm.plant.commands]
     assert modes[joint - 1] is None
     assert {m for k, m in enumerate(modes) if k != joint - 1} == {JointMode.POSITION}
 
@@ -104,7 +104,7 @@ def test_external_stop_trips_all_drives_until_released(arm):
     arm.inject_fault("external-stop")
     states = arm.peer.sync()
     assert [word & 0x4F for word, _, _ in states] == [FAULT] * 7
-    assert {c.mode for c in arm.plant.commands} == {None}
+    assert {mode for mode, _ in arm.plant.commands} == {None}
     assert [emergency_codes(arm, node) for node in (*range(1, 8), 16)] == [[0x5441]] * 8
     arm.peer.command_all(0x80)
     assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [FAULT] * 7
@@ -138,7 +138,7 @@ def test_restart_clears_token_power_and_nmt_state(arm):
     assert arm.peer.seen(0x181) == []
     arm.peer.start()
     assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [0x40] * 7
-    assert {command.mode for command in arm.plant.commands} == {None}
+    assert {mode for mode, _ in arm.plant.commands} == {None}
 
 
 def test_scripted_faults_occur_at_their_sync():

@@ -108,14 +108,8 @@ class Rig:
         inject(self.controller, kind, joint)
         self.run_in_loop()
 
-    def clear_disturbance(self, name: str, joint: int) -> None:
-        entries = getattr(self.controller.disturbances, name)
-        self.run_in_loop(
-            lambda: entries.pop(joint) if isinstance(entries, dict) else entries.discard(joint)
-        )
-
-    def set_drive_flag(self, joint: int, name: str, value: bool) -> None:
-        self.run_in_loop(lambda: setattr(self.controller.drives[joint - 1].drive, name, value))
+    def clear_fault(self, kind: str, joint: int) -> None:
+        self.run_in_loop(lambda: self.controller.drives[joint - 1].faults.remove(kind))
 
     def operational(self, modes: Sequence[int] = (8,) * 7) -> list[tuple[int, int, int]]:
         self.peer.start()

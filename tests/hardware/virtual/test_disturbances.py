@@ -86,7 +86,7 @@ def test_silent_node_receives_nothing_and_holds_after_heartbeat_timeout(arm):
     arm.peer.send(0x080)
     arm.run_in_loop()
     assert arm.plant.commands[3][0] is JointMode.POSITION
-    arm.clear_disturbance("cut_since_s", 4)
+    arm.run_in_loop(lambda: arm.controller.cut_since_s.pop(4))
     states = arm.peer.sync()
     assert states[3][0] & 0x4F == FAULT
     assert {word & STATE for k, (word, _, _) in enumerate(states) if k != 3} == {QUICK_STOPPED}
@@ -120,7 +120,7 @@ def disturb(arm: Rig, *, intact: str, **fractions: float) -> None:
 
     def act() -> None:
         disturb_frames(arm.controller, FrameFaults(**fractions))
-        setattr(arm.controller.disturbances, intact, FaultyWire())
+        setattr(arm.controller, intact, FaultyWire())
 
     arm.controller.post(act)
     wait_for_loop(arm)

@@ -26,7 +26,9 @@ class DriveBench:
 
     def __init__(self, axis=ENCODER, *, counts: int = 100) -> None:  # type: ignore[no-untyped-def]
         self.error_log: list[EmergencyCode] = []
-        self.drive = Drive(axis, on_emergency=lambda e: self.error_log.append([E.NONE, *e][-1]))
+        self.drive = Drive(
+            axis, set(), on_emergency=lambda e: self.error_log.append([E.NONE, *e][-1])
+        )
         self.counts, self.torque_nm, self.speed = counts, 0.0, 0.0
         self.drive.in_control = True
         self.run()

@@ -8,7 +8,6 @@ import functools
 from collections.abc import Iterable
 
 import can
-from can.interfaces.virtual import VirtualBus
 from can.typechecking import CanFilter
 
 from hardware.canopen import objects
@@ -19,16 +18,13 @@ _FUNCTION_CODE = 0x780
 
 
 def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
-    """Set filters on the in-process bus, and on buses whose adapter or kernel filters; other buses get no filters.
+    """Set filters on a bus whose adapter or kernel filters; other buses get no filters.
 
     On other buses python-can would filter in software. There, `recv` without waiting returns None for a dropped frame,
-    and a reader that stops at None would miss the answers behind that frame. (The in-process bus has no such readers.)
-    An adapter with room for one filter only (Kvaser, SYSTEC, Vector) also leaves the filtering to python-can, and sets
-    `_is_filtered` to false. This function then removes the filters again.
+    and a reader that stops at None would miss the answers behind that frame. An adapter with room for one filter only
+    (Kvaser, SYSTEC, Vector) also leaves the filtering to python-can, and sets `_is_filtered` to false. This function
+    then removes the filters again.
     """
-    if isinstance(bus, VirtualBus):
-        bus.set_filters(filters)
-        return
     nothing = can.BusABC._apply_filters  # noqa: SLF001 - overridden by adapters with filters
     if getattr(type(bus), "_apply_filters", nothing) is nothing:
         return

@@ -71,40 +71,6 @@ MIN_WINDOW_COUNTS = 10.0
 """Smallest limit of the distance from the target: below it, sensor noise would count as an error."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriveFacts:
-    """Settings of one joint's drive; each is None if the drive lacks the object."""
-
-    joint: int
-    unsupported_modes: tuple[int, ...] | None
-    """6060h codes that the profile uses and 6502h does not list."""
-    quick_stop_option: int | None
-    """605Ah: if 5 or more, the drive holds after a quick stop."""
-    operator_timeout_s: float | None
-    """1016h: silence of the operator (node 127) after which the drive reacts as 6007h states."""
-    ignores_timeout: bool = False
-    """Whether 6007h is 0: the drive takes no action after `operator_timeout_s`."""
-    following_window_counts: int | None = None
-    """6065h: following error at which the drive trips; `NO_FOLLOWING_WINDOW` if it never trips."""
-
-
-def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> Iterator[DriveFacts]:
-    """Read the settings of all drives, joint by joint."""
-    # Codes below 0 are the maker's own modes, which have no bit.
-    codes = [code for code in sorted(profile.mode_codes.values()) if code > 0]
-    for joint, node in enumerate(profile.drives, 1):
-        modes = read_number(access, node, objects.SUPPORTED_MODES, 0)
-        lacking = None if modes is None else tuple(c for c in codes if not modes >> (c - 1) & 1)
-        yield DriveFacts(
-            joint=joint,
-            unsupported_modes=lacking,
-            quick_stop_option=read_number(access, node, objects.QUICK_STOP_OPTION, 0),
-            operator_timeout_s=operator_timeout_s(access, node),
-            ignores_timeout=ignores_operator_timeout(access, node),
-            following_window_counts=read_number(access, node, objects.FOLLOWING_WINDOW, 0),
-        )
-
-
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
     """Read a drive's time-out (1016h) for the operator's heartbeat, s; None if this heartbeat is not monitored."""
     timeouts_ms = map(_operator_timeout_ms, _heartbeat_consumers(access, node) or ())

@@ -108,7 +108,7 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         yield Clause("configured", True, text)
     yield from clauses.identifies_itself(identity, bench.description.model, n)
     if isinstance(arm, CanopenArm):
-        yield from checks.drive_settings(arm.drive_facts())
+        yield from checks.drive_settings(arm.access, arm.on_bus.profile)
     yield clauses.drives_off(arm)
     yield from clauses.has_valid_snapshot(arm, n)
     yield from clauses.goes_on(arm)

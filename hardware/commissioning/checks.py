@@ -5,7 +5,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,7 +13,14 @@ import numpy as np
 
 from hardware.arm import ArmInterface, ArmSnapshot, DriveState, MoveResult, Watch
 from hardware.canopen import objects
-from hardware.canopen.drive_settings import NO_FOLLOWING_WINDOW, DriveFacts
+from hardware.canopen.bus_profile import BusProfile
+from hardware.canopen.drive_settings import (
+    NO_FOLLOWING_WINDOW,
+    ignores_operator_timeout,
+    operator_timeout_s,
+)
+from hardware.canopen.maps import read_number
+from hardware.canopen.sdo import ObjectAccess
 from hardware.commissioning import clauses
 from hardware.commissioning.clauses import Ask, Bounds, Clause, deg
 from hardware.control.canopen_arm import CanopenArm
@@ -28,7 +35,7 @@ ENOUGH: Final = "that is enough"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
-    """Test motion of one joint to `target_rad`, with limits; `part_rad`: angle after which a `midway_watch` acts."""
+    """Test motion of one joint to `target_rad`, with limits; `part_rad`: angle after which a `MidwayWatch` acts."""
 
     arm: ArmInterface
     joint: int
@@ -43,35 +50,29 @@ class Turn:
             {self.joint: self.target_rad}, speed_rad_per_s=self.speed_rad_per_s, watch=watch
         )
 
-    def midway_watch(self, act: Callable[[], str | None]) -> "MidwayWatch":
-        """Return a watch function that calls `act` once, when the joint has moved by `part_rad`."""
-        start = float(self.arm.capture(self.bounds.samples).mean_rad[self.joint - 1])
-        return MidwayWatch(turn=self, act=act, start_rad=start)
 
-
-@dataclass(slots=True)
 class MidwayWatch:
     """A watch function that calls `act` once, as soon as the joint of `turn` has moved by its `part_rad`."""
 
-    turn: Turn
-    act: Callable[[], str | None]
-    start_rad: float
-    at_rad: float | None = None
-    """Position at which `act` was called; None before."""
+    def __init__(self, turn: Turn, act: Callable[[], str | None]) -> None:
+        self._turn, self._act = turn, act
+        start = turn.arm.capture(turn.bounds.samples).mean_rad
+        self.start_rad = self.at_rad = float(start[turn.joint - 1])
+        """Position at the start, and the position at which `act` was called (before that, the start)."""
+        self.acted = False
 
     def __call__(self, snapshot: ArmSnapshot) -> str | None:
         """Return the result of `act` when the joint has moved by `part_rad` for the first time, otherwise None."""
-        position_rad = float(snapshot.positions_rad[self.turn.joint - 1])
-        if self.at_rad is not None or abs(position_rad - self.start_rad) < self.turn.part_rad:
+        position_rad = float(snapshot.positions_rad[self._turn.joint - 1])
+        if self.acted or abs(position_rad - self.start_rad) < self._turn.part_rad:
             return None
-        self.at_rad = position_rad
-        return self.act()
+        self.acted, self.at_rad = True, position_rad
+        return self._act()
 
     def overtravel(self) -> str:
         """Return a text that says how far the joint moved after `act` was called, before it came to rest."""
-        position_rad = float(self.turn.arm.capture(1).mean_rad[self.turn.joint - 1])
-        at = self.start_rad if self.at_rad is None else self.at_rad
-        return f"the joint came to rest after a further {deg(abs(position_rad - at))}"
+        position_rad = float(self._turn.arm.capture(1).mean_rad[self._turn.joint - 1])
+        return f"the joint came to rest after a further {deg(abs(position_rad - self.at_rad))}"
 
 
 def goes(turn: Turn) -> Iterator[Clause]:
@@ -94,7 +95,7 @@ def goes(turn: Turn) -> Iterator[Clause]:
 
 def halts(turn: Turn) -> Iterator[Clause]:
     """Check that a watch function can end a move, and that the move returns its reason."""
-    watch = turn.midway_watch(lambda: ENOUGH)
+    watch = MidwayWatch(turn, lambda: ENOUGH)
     outcome = turn.go(watch)
     halted = not outcome.reached and outcome.reason == ENOUGH
     text = f"a watch could not end the move, which reports {outcome.reason!r}"
@@ -105,13 +106,13 @@ def halts(turn: Turn) -> Iterator[Clause]:
 
 def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause]:
     """Check that Ctrl-C during a move leaves the arm holding with its drives on."""
-    watch = turn.midway_watch(interrupt)
+    watch = MidwayWatch(turn, interrupt)
     interrupted = False
     try:
         turn.go(watch)
         threading.Event().wait(_IN_FLIGHT_S)
     except KeyboardInterrupt:
-        if watch.at_rad is None:  # pressed by the user
+        if not watch.acted:  # pressed by the user
             raise
         interrupted = True
     snapshot = turn.arm.snapshot()
@@ -134,7 +135,7 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
         presser.start()
         presser.join()
 
-    watch = turn.midway_watch(press)
+    watch = MidwayWatch(turn, press)
     try:
         turn.go(watch)
         stopped = False
@@ -143,7 +144,7 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
     _, still_enabled = clauses.seconds_to_stop(arm, time.monotonic())
     rests = arm.snapshot().positions_rad  # a stopped arm cannot take a reading
     gone = abs(float(rests[joint - 1]) - watch.start_rad)
-    at = 0.0 if watch.at_rad is None else abs(watch.at_rad - watch.start_rad)
+    at = abs(watch.at_rad - watch.start_rad)
     near = gone - at <= max(turn.part_rad, bounds.single_sample_rad)
     text = f"the joint came to rest {deg(abs(gone - at))} after STOP"
     if not stopped:
@@ -168,53 +169,57 @@ PERIOD_TOLERANCE: Final = 0.2
 """Relative tolerance of the mean SYNC period."""
 
 
-def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
+def drive_settings(access: ObjectAccess, profile: BusProfile) -> Iterator[Clause]:
     """Check the drives' modes, quick stop option, operator time-out and following error window."""
-    for drive in facts:
-        lacking, option = drive.unsupported_modes, drive.quick_stop_option
-        modes = "the drive has no 6502h (supported modes)"
-        quick_stop = "the drive has no 605Ah (quick stop option)"
-        holds = None if option is None else option >= HOLDS_AFTER_STOP
-        if lacking is not None:
-            lacks = f"6502h lacks mode {', '.join(map(str, lacking))}"
-            modes = lacks if lacking else "6502h has both modes"
+    # Codes below 0 are the maker's own modes, which have no bit.
+    codes = [code for code in sorted(profile.mode_codes.values()) if code > 0]
+    for joint, node in enumerate(profile.drives, 1):
+        supported = read_number(access, node, objects.SUPPORTED_MODES, 0)
+        passed, text = None, "the drive has no 6502h (supported modes)"
+        if supported is not None:
+            lacking = [str(code) for code in codes if not supported >> (code - 1) & 1]
+            lacks = f"6502h lacks mode {', '.join(lacking)}"
+            passed, text = not lacking, lacks if lacking else "6502h has both modes"
+        yield Clause("modes", passed, text, joint)
+        option = read_number(access, node, objects.QUICK_STOP_OPTION, 0)
+        passed, text = None, "the drive has no 605Ah (quick stop option)"
         if option is not None:
-            reaction = "holds" if holds else "releases the joint"
-            quick_stop = f"605Ah = {option}: the drive {reaction} after a quick stop"
-        yield Clause("modes", None if lacking is None else not lacking, modes, drive.joint)
-        yield Clause("quick stop", holds, quick_stop, drive.joint)
-        yield _guard(drive)
-        if drive.following_window_counts == NO_FOLLOWING_WINDOW:
+            passed = option >= HOLDS_AFTER_STOP
+            reaction = "holds" if passed else "releases the joint"
+            text = f"605Ah = {option}: the drive {reaction} after a quick stop"
+        yield Clause("quick stop", passed, text, joint)
+        guard_s, ignored = operator_timeout_s(access, node), ignores_operator_timeout(access, node)
+        yield Clause("guard", *_guard(guard_s, ignored=ignored), joint)
+        if read_number(access, node, objects.FOLLOWING_WINDOW, 0) == NO_FOLLOWING_WINDOW:
             text = (
                 "6065h = FFFFFFFFh: the drive does not check its following error, only this program does. Set 6065h "
                 "to the error, in counts, at which the drive must trip"
             )
-            yield Clause("following error", None, text, drive.joint)
+            yield Clause("following error", None, text, joint)
 
 
-def _guard(drive: DriveFacts) -> Clause:
-    """Check a drive's operator time-out; `passed` is None for a time-out within the limit but longer than advised."""
-    guard = drive.operator_timeout_s
-    if guard is None:
+def _guard(guard_s: float | None, *, ignored: bool) -> tuple[bool | None, str]:
+    """Check a drive's operator time-out; None for a time-out within the limit but longer than advised."""
+    if guard_s is None:
         text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"
-        return Clause("guard", False, text, drive.joint)
-    if drive.ignores_timeout:
+        return False, text
+    if ignored:
         text = (
             "6007h = 0: the drive takes no action after its heartbeat time-out (1016h), and keeps moving if this "
             "program dies; set 6007h to 3 (quick stop)"
         )
-        return Clause("guard", False, text, drive.joint)
+        return False, text
     text = (
-        f"1016h: the drive is set to react {guard:.2f} s after the last heartbeat of this program"
+        f"1016h: the drive is set to react {guard_s:.2f} s after the last heartbeat of this program"
     )
-    if guard > objects.MAX_OPERATOR_TIMEOUT_S:
+    if guard_s > objects.MAX_OPERATOR_TIMEOUT_S:
         text += f"; a run requires at most {objects.MAX_OPERATOR_TIMEOUT_S:g} s"
-        return Clause("guard", False, text, drive.joint)
-    if guard > objects.ADVISED_OPERATOR_TIMEOUT_S:
+        return False, text
+    if guard_s > objects.ADVISED_OPERATOR_TIMEOUT_S:
         limit = f"advised: at most {objects.ADVISED_OPERATOR_TIMEOUT_S:g} s"
         text += f" ({limit}); if this program dies, the joint may move until then"
-        return Clause("guard", None, text, drive.joint)
-    return Clause("guard", True, text, drive.joint)
+        return None, text
+    return True, text
 
 
 def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
@@ -254,8 +259,10 @@ def excludes_others(arm: CanopenArm) -> Clause:
 
 def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
     """Check that the drives stop and hold by themselves when the operator's heartbeat ends."""
-    facts = arm.drive_facts()
-    guards = [None if drive.ignores_timeout else drive.operator_timeout_s for drive in facts]
+    guards = [
+        None if ignores_operator_timeout(arm.access, node) else operator_timeout_s(arm.access, node)
+        for node in arm.on_bus.profile.drives
+    ]
     longest = max((guard for guard in guards if guard is not None), default=0.0)
     if longest == 0.0 or None in guards:
         yield Clause(

@@ -17,8 +17,7 @@ from hardware.arm import (
 from hardware.canopen import objects
 from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, conditions, state_of
 from hardware.canopen.cyclic import Sample
-from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
-from hardware.canopen.sdo import MAX_DOCUMENT_BYTES
+from hardware.canopen.sdo import MAX_DOCUMENT_BYTES, ObjectAccess
 from hardware.command_limits import admit_move, not_enabled
 from hardware.control import motion_steps, uploading
 from hardware.control.alarms import stop_error
@@ -160,9 +159,10 @@ class CanopenArm(ConnectableArm):
         self._raise_if_stopped()
         self._raise_for_drives(not_reached, "reset")
 
-    def drive_facts(self) -> tuple[DriveFacts, ...]:
-        """Read the settings that `sarcal arm-check` checks, for joints 1..n."""
-        return tuple(read_drive_facts(self._link.access, self._link.profile))
+    @property
+    def access(self) -> ObjectAccess:
+        """Object access (SDO) to the nodes."""
+        return self._link.access
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back and commit a document, and read the home offsets back.

@@ -12,7 +12,7 @@ from hardware import errors
 from hardware.arm import ArmSnapshot, DriveState, Fault, JointMode, JointState
 from hardware.arm_description import EncoderDescription
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
-from hardware.buses.python_can import ArmOnBus, stamping_clock
+from hardware.buses.python_can import ArmOnBus
 from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import objects
 from hardware.canopen.cia402 import state_of
@@ -76,12 +76,10 @@ class Connection:
         self.access = ObjectAccess(self.wire.send, profile.nodes, timeout_s=timing.sdo_timeout_s)
         self.loop = ControlLoop(
             self.wire,
-            profile=profile,
-            pace=on_bus.pace,
+            on_bus,
             on_sdo=self.access.deliver,
             allow=self._allow,
             quick_stop=self.send_quick_stops,
-            timing=timing,
             watch=JointMonitor(
                 [
                     ENCODER_COUNTS if isinstance(joint.sensor, EncoderDescription) else RVDT_COUNTS
@@ -91,7 +89,6 @@ class Connection:
             ),
             latch=latch,
             clock=clock,
-            stamps=stamping_clock(settings),
         )
 
     def close(self) -> None:

@@ -19,9 +19,9 @@ from inspect import GEN_CREATED, getgeneratorstate
 from queue import Empty
 from typing import Any, TypeVar
 
+from hardware.buses.python_can import ArmOnBus, stamping_clock
 from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import objects
-from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cyclic import Abandoned, Sample, Setpoints, frames_of
 from hardware.canopen.objects import NmtState
 from hardware.control.alarms import alarms
@@ -31,7 +31,7 @@ from hardware.errors import BusError, HardwareError
 from hardware.monitors.joint_monitor import JointMonitor
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timed_queue import TimedQueue
-from hardware.timing import LatencyMonitor, Pace, Timing, raise_loop_priority
+from hardware.timing import LatencyMonitor, Pace, raise_loop_priority
 
 FRAMES_AT_A_TIME = 200
 """Limit of the frames handled in a row, so that SYNC is not delayed on a bus where a frame is always waiting."""
@@ -95,29 +95,26 @@ class ControlLoop:
 
     The loop's thread calls `on_sdo` with identifier and data of every SDO answer and of other programs' SDO requests.
     `quick_stop` sends quick stop to all drives. Neither may wait. `allow` is called with the sample, the last commands
-    and new commands before they are sent, and may raise `CommandRefused`. `clock` returns monotonic time, s; `stamps`
-    returns the time of the clock that stamps frames, s (None if that clock is not this computer's).
+    and new commands before they are sent, and may raise `CommandRefused`. `clock` returns monotonic time, s.
     """
 
     def __init__(
         self,
         wire: SharedBus,
+        on_bus: ArmOnBus,
         *,
-        profile: BusProfile,
-        pace: Pace,
         on_sdo: Callable[[int, bytes], None],
         allow: Callable[[Sample, Setpoints | None, Setpoints], None],
         quick_stop: Callable[[], None],
-        timing: Timing,
         watch: JointMonitor,
         latch: StopLatch,
         clock: Callable[[], float],
-        stamps: Callable[[], float] | None,
     ) -> None:
+        pace, timing, stamps = on_bus.pace, on_bus.timing, stamping_clock(on_bus.settings)
         self.latency = LatencyMonitor(clock, stamps, arm_waits=pace is Pace.FAST_FORWARD)
         """Monitor of the host's latency, which the nodes' time-outs exclude."""
         self.nodes = NodeMonitor(
-            profile, lambda: self.latency.listened_s, timing.heartbeat_timeout_s
+            on_bus.profile, lambda: self.latency.listened_s, timing.heartbeat_timeout_s
         )
         self.commands: Setpoints | None = None
         """Commands sent last; None before control was taken."""
@@ -128,7 +125,7 @@ class ControlLoop:
         """Error that ended the thread; None if there is none."""
         self._wire, self._pace = wire, pace
         self._on_sdo, self._allow = on_sdo, allow
-        frames = frames_of(profile)
+        frames = frames_of(on_bus.profile)
         self._sender = CommandSender(wire.send, frames, self.latch, self.watch, quick_stop)
         self._timing, self._clock = timing, clock
         self._answer_timeout_s = timing.answer_timeouts_s[pace]

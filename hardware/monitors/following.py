@@ -46,12 +46,51 @@ class Divergence:
     angle_rad: float | None = None
 
 
+MIN_BRAKING_SYNCS: Final = 30
+"""0.3 s: time allowed for every stopped joint to come to rest."""
+MAX_BRAKING_SYNCS: Final = 200
+"""2 s: time allowed to a joint that keeps slowing down; the deceleration (6085h) is the drive maker's choice."""
+STRETCH_SYNCS: Final = 10
+"""Length of the successive intervals after a stop. A joint counts as braking as long as it moves less in each interval
+than in the one before."""
+
+
+@dataclass(slots=True)
+class _StoppedJoint:
+    """State of a joint after a stop; `last_travel_counts`: distance moved in the last interval of `STRETCH_SYNCS`."""
+
+    stopped_syncs: int = 0
+    rest_counts: int = 0
+    at_rest: bool = False
+    stretch_start_counts: int = 0
+    last_travel_counts: float = math.inf
+
+    def displacement(self, counts: int) -> int:
+        """Return the distance from the rest position; 0 until the joint has come to rest."""
+        if self.at_rest:
+            return counts - self.rest_counts
+        if self.stopped_syncs == 0:
+            self.stretch_start_counts = counts
+        self.stopped_syncs += 1
+        self.rest_counts = counts
+        if self.stopped_syncs % STRETCH_SYNCS == 0:
+            travel = abs(counts - self.stretch_start_counts)
+            slowing = (
+                0 < travel < self.last_travel_counts and self.stopped_syncs < MAX_BRAKING_SYNCS
+            )
+            self.at_rest = self.stopped_syncs >= MIN_BRAKING_SYNCS and not slowing
+            self.stretch_start_counts, self.last_travel_counts = counts, travel
+        return 0
+
+
 class FollowingMonitor:
-    """Finds joints that do not follow their targets.
+    """Finds joints that do not follow their targets or, after a quick stop, do not stay where they came to rest.
 
     The latest targets of a joint are the present one, those of the `LAG_SYNCS` SYNCs before, and one more for each SYNC
     that the joint has not answered yet. A joint may be outside the range of these targets by at most its window
-    (`windows_counts`). If `windows_counts` is empty, no joint is checked.
+    (`windows_counts`). After a quick stop the window is around the rest position, since a stopped drive's own target is
+    not known to this program. Joints in free mode are not checked. Neither are joints whose drives report no power
+    after a quick stop (605Ah below 5). If `windows_counts` is empty, no joint is checked.
     """
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
@@ -60,11 +99,12 @@ class FollowingMonitor:
         self._followed = [False] * len(self._windows)
         longest = 1 + LAG_SYNCS + MAX_LATE_SYNCS
         self._targets = tuple(deque[int](maxlen=longest) for _ in self._windows)  # newest first
+        self._stopped = [_StoppedJoint() for _ in self._windows]
 
     def update(
         self, sample: Sample, commands: Setpoints | None, refusing_joints: Collection[int] = ()
     ) -> tuple[Divergence, ...]:
-        """Take in a sample and the commands sent before it; return the divergences of joints that do not follow.
+        """Take in a sample and the commands sent before it; return the joints' divergences.
 
         `refusing_joints`: joints whose drives report a refused target.
         """
@@ -85,6 +125,10 @@ class FollowingMonitor:
     ) -> Iterator[Divergence]:
         for at, window in enumerate(self._windows):
             command, status, targets = commands[at], sample.statuswords[at], self._targets[at]
+            state, counts = state_of(status), sample.counts[at]
+            stopped = state is DriveState.QUICK_STOP_ACTIVE
+            if not stopped or command.mode is not JointMode.POSITION:
+                self._stopped[at] = _StoppedJoint()
             if command.mode is not JointMode.POSITION:
                 targets.clear()
                 self._outside_syncs[at], self._followed[at] = 0, False
@@ -94,86 +138,19 @@ class FollowingMonitor:
             if at + 1 in sample.missing:
                 continue
             follows = bool(status & StatusBit.FOLLOWS_COMMAND) or self._followed[at]
-            self._followed[at] = follows and state_of(status) is DriveState.OPERATION_ENABLED
-            counts = sample.counts[at]
+            self._followed[at] = follows and state is DriveState.OPERATION_ENABLED
             error = counts - command.target_counts
-            outside = self._followed[at] and abs(error) > window
-            if outside:  # outside the range of earlier targets too?
+            if stopped:
+                error = self._stopped[at].displacement(counts)
+            outside = (stopped or self._followed[at]) and abs(error) > window
+            if outside and not stopped:  # outside the range of earlier targets too?
                 overdue = sample.overdue[at] if sample.overdue else 0
                 recent = tuple(islice(targets, 1 + LAG_SYNCS + overdue))
                 outside = not min(recent) - window <= counts <= max(recent) + window
             self._outside_syncs[at] = self._outside_syncs[at] + 1 if outside else 0
             if self._outside_syncs[at] >= DIVERGED_SYNCS:
                 since = sample.sync_count - self._outside_syncs[at] + 1
-                yield Divergence(joint=at + 1, counts=error, sync_count=since)
-
-
-MIN_BRAKING_SYNCS: Final = 30
-"""0.3 s: time allowed for every stopped joint to come to rest."""
-MAX_BRAKING_SYNCS: Final = 200
-"""2 s: time allowed to a joint that keeps slowing down; the deceleration (6085h) is the drive maker's choice."""
-STRETCH_SYNCS: Final = 10
-"""Length of the successive intervals after a stop. A joint counts as braking as long as it moves less in each interval
-than in the one before."""
-
-
-@dataclass(slots=True)
-class _StoppedJoint:
-    """State of a joint after a stop; `last_travel_counts`: distance moved in the last interval of `STRETCH_SYNCS`."""
-
-    stopped_syncs: int = 0
-    rest_counts: int = 0
-    outside_syncs: int = 0
-    at_rest: bool = False
-    stretch_start_counts: int = 0
-    last_travel_counts: float = math.inf
-
-    def brake(self, counts: int) -> None:
-        if self.stopped_syncs == 0:
-            self.stretch_start_counts = counts
-        self.stopped_syncs += 1
-        self.rest_counts = counts
-        if self.stopped_syncs % STRETCH_SYNCS:
-            return
-        travel = abs(counts - self.stretch_start_counts)
-        slowing = 0 < travel < self.last_travel_counts and self.stopped_syncs < MAX_BRAKING_SYNCS
-        self.at_rest = self.stopped_syncs >= MIN_BRAKING_SYNCS and not slowing
-        self.stretch_start_counts, self.last_travel_counts = counts, travel
-
-
-class StandstillMonitor:
-    """Checks every sample after a quick stop; `windows_counts` limits each joint's distance from its rest position.
-
-    The rest position is where the joint came to rest, since a stopped drive's own target is not known to this program.
-    Joints in free mode are not checked. Neither are joints whose drives report no power after a quick stop (605Ah below
-    5). If `windows_counts` is empty, nothing is checked.
-    """
-
-    def __init__(self, windows_counts: Sequence[float] = ()) -> None:
-        self._windows = tuple(windows_counts)
-        self._joints = [_StoppedJoint() for _ in self._windows]
-
-    def update(self, sample: Sample, commands: Setpoints | None) -> tuple[Divergence, ...]:
-        """Take in a sample and the commands sent last; return the divergences of the joints that moved."""
-        return () if commands is None else tuple(self._find(sample, commands))
-
-    def _find(self, sample: Sample, commands: Setpoints) -> Iterator[Divergence]:
-        for at, (joint, window) in enumerate(zip(self._joints, self._windows, strict=True)):
-            stopped = state_of(sample.statuswords[at]) is DriveState.QUICK_STOP_ACTIVE
-            if not stopped or commands[at].mode is not JointMode.POSITION:
-                self._joints[at] = _StoppedJoint()
-                continue
-            if at + 1 in sample.missing:
-                continue
-            counts = sample.counts[at]
-            if not joint.at_rest:
-                joint.brake(counts)
-                continue
-            displacement = counts - joint.rest_counts
-            joint.outside_syncs = joint.outside_syncs + 1 if abs(displacement) > window else 0
-            if joint.outside_syncs >= DIVERGED_SYNCS:
-                since = sample.sync_count - joint.outside_syncs + 1
-                yield Divergence(joint=at + 1, counts=displacement, sync_count=since, stopped=True)
+                yield Divergence(joint=at + 1, counts=error, sync_count=since, stopped=stopped)
 
 
 CONFIRMED_SYNCS: Final = 10

@@ -15,12 +15,7 @@ from hardware.arm import DriveState
 from hardware.arm_description import JointScale
 from hardware.canopen.cia402 import state_of
 from hardware.canopen.cyclic import Sample, Setpoints
-from hardware.monitors.following import (
-    Divergence,
-    DropoutMonitor,
-    FollowingMonitor,
-    StandstillMonitor,
-)
+from hardware.monitors.following import Divergence, DropoutMonitor, FollowingMonitor
 
 WINDOW_SAMPLES = 6
 """Consecutive samples used; the increment tested is the middle one."""
@@ -149,7 +144,6 @@ class JointMonitor:
         """
         self._counts_per_rad = tuple(scale.counts_per_rad for scale in scales)
         self.following = FollowingMonitor(windows_counts)
-        self._standstill = StandstillMonitor(windows_counts)
 
     def update(
         self,
@@ -169,8 +163,7 @@ class JointMonitor:
             self.jump = self.continuity.update(sample, answered_late=answered_late)
         self.dropout.update(sample, commands, stopped=stopped)
         before = self.switched_off
-        found = self.following.update(sample, commands, refusing_joints)
-        for divergence in (*found, *self._standstill.update(sample, commands)):
+        for divergence in self.following.update(sample, commands, refusing_joints):
             if self.divergence is None:
                 angle_rad = divergence.counts / self._counts_per_rad[divergence.joint - 1]
                 self.divergence = replace(divergence, angle_rad=angle_rad)

@@ -7,7 +7,7 @@ zero of an RVDT is at the middle of the joint's range; its converter saturates a
 import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -19,21 +19,12 @@ from hardware.command_limits import joint_limits
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JointCommand:
-    """Command of one joint for a control period.
-
-    If `mode` is None, the drive is off and a blocked valve holds the joint. `target_rad` is in sensor coordinates
-    and is used in POSITION mode only.
-    """
-
-    mode: JointMode | None
-    target_rad: float
+JointCommand = tuple[JointMode | None, float]
+"""Command of a joint for a control period: mode, and target in sensor coordinates (rad, used in POSITION mode only).
+If the mode is None, the drive is off and a blocked valve holds the joint."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlantReading:
+class PlantReading(NamedTuple):
     """Readings at the end of a control period, one per joint; counts relative to sensor coordinate zero."""
 
     position_counts: tuple[int, ...]

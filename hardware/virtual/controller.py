@@ -24,7 +24,7 @@ from hardware.canopen import objects
 from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S, NmtCommand
 from hardware.timing import LatencyMonitor, raise_loop_priority
 from hardware.virtual.axis import AxisSettings
-from hardware.virtual.disturbances import Disturbances
+from hardware.virtual.disturbances import FaultyWire
 from hardware.virtual.drive_node import DriveGroup, DriveNode
 from hardware.virtual.faults import ScriptedFault, inject
 from hardware.virtual.node import VirtualNode
@@ -72,7 +72,12 @@ class VirtualController:
         self._attended = attended
         self._timeout_s = heartbeat_timeout_s
         self._script = sorted(script, key=lambda fault: fault.at_sync, reverse=True)
-        self.disturbances: Disturbances = Disturbances()
+        self.wire_out = self.wire_in = FaultyWire()
+        """Directions from and to the arm, with their faults."""
+        self.cut_since_s: dict[int, float] = {}
+        """Time at which a node's cable was cut (clock `now_s`), by node."""
+        self.off_until_s: float | None = None
+        """Time until which no frame passes (clock `now_s`); None if frames pass."""
         self.sync_count = 0
         """SYNCs answered so far."""
         self.tracker: SimulatedTracker | None = None
@@ -89,16 +94,15 @@ class VirtualController:
         self.running: threading.Event = threading.Event()
         """The control loop hangs while this event is not set."""
         self.running.set()
-        self._next_beat_s = 0.0
         serial = arm.number % 1_000_000 * 100
         self._send_lock = threading.Lock()
         self.drives: tuple[DriveNode, ...] = tuple(
             DriveNode(axis, self._send, serial_number=serial + axis.joint) for axis in axes
         )
         """Drive nodes; only the control loop may change them (`post`)."""
-        self.group = DriveGroup(self.drives, plant, self.disturbances)
+        self.group = DriveGroup(self.drives, plant)
         self.plant: Plant = plant
-        self.supervisor = SupervisorNode(
+        self.supervisor: SupervisorNode = SupervisorNode(
             self._send,
             arm=arm,
             group=self.group,
@@ -123,8 +127,8 @@ class VirtualController:
         self.group.step()
         for node in self._nodes:
             node.boot()
+            node.next_beat_s = self.now_s() + HEARTBEAT_PERIOD_S
         self._inject_due_faults(0)
-        self._next_beat_s = self.now_s() + HEARTBEAT_PERIOD_S
         self._worker.start()
         self._loop.start()
 
@@ -180,7 +184,8 @@ class VirtualController:
         raise_loop_priority()
         try:
             while not self._closing:
-                wait_s = _SHORT_POLL_S if self.disturbances.delays else _POLL_S
+                delays = self.wire_out.delays or self.wire_in.delays
+                wait_s = _SHORT_POLL_S if delays else _POLL_S
                 if self._attended:
                     time.sleep(wait_s)
                     self.running.wait()
@@ -203,26 +208,25 @@ class VirtualController:
         self._in_turn = None
 
     def _send(self, identifier: int, data: bytes) -> None:
-        faults = self.disturbances
-        if faults.off_until_s is not None or identifier & _NODE_BITS in faults.cut_since_s:
+        if self.off_until_s is not None or identifier & _NODE_BITS in self.cut_since_s:
             return
         message = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
         with self._send_lock:
-            for passed in faults.wire_out.passed(message):
+            for passed in self.wire_out.passed(message):
                 self._bus.send(passed)
 
     def _receive(self, message: can.Message) -> None:
-        for passed in self.disturbances.wire_in.passed(message):
+        for passed in self.wire_in.passed(message):
             self._take_in(passed)
 
     def _take_in(self, message: can.Message) -> None:
         if message.is_extended_id or message.is_remote_frame or message.is_error_frame:
             return
-        if self.disturbances.off_until_s is not None:
+        if self.off_until_s is not None:
             return
         identifier, data = message.arbitration_id, message.data
         number = identifier & _NODE_BITS
-        if number in self.disturbances.cut_since_s:
+        if number in self.cut_since_s:
             return
         node = self._by_number.get(number)
         match identifier - number:
@@ -242,14 +246,13 @@ class VirtualController:
             return
         command, number = data
         for node in self._nodes:
-            if number in (0, node.number) and node.number not in self.disturbances.cut_since_s:
+            if number in (0, node.number) and node.number not in self.cut_since_s:
                 node.on_nmt(command)
 
     def _on_sdo(self, node: VirtualNode, data: bytes | bytearray) -> None:
-        faults = self.disturbances
-        if node.number in faults.stalled_sdo:
+        if "sdo-stall" in node.faults:
             return
-        if node.number in faults.refused_sdo and data[0] != sdo.RESPONSE_ABORTED:
+        if "sdo-abort" in node.faults and data[0] != sdo.RESPONSE_ABORTED:
             node.send(
                 objects.COB_SDO_FROM_SERVER,
                 _SDO_REFUSAL.pack(sdo.RESPONSE_ABORTED, data[1:4], sdo.ABORT_GENERAL_ERROR),
@@ -261,17 +264,17 @@ class VirtualController:
         self.sync_count += 1
         self._inject_due_faults(self.sync_count)
         self.group.step()
-        disturbances, send = self.disturbances, self._send
         for node in self.drives:
             data = node.tpdo1()
-            if data is None or disturbances.loses_tpdo(node.number):
+            if data is None:
                 continue
-            send(node.tpdo1_id, data)
-            if node.number in disturbances.doubled_tpdos:
-                send(node.tpdo1_id, data)
-        for number in disturbances.storming:
-            for _ in range(STORM):
-                send(objects.COB_EMCY + number, _STORM_EMERGENCY)
+            self._send(node.tpdo1_id, data)
+            if "double-answers" in node.faults:
+                self._send(node.tpdo1_id, data)
+        for node in self.drives:
+            if "emcy-storm" in node.faults:
+                for _ in range(STORM):
+                    node.send(objects.COB_EMCY, _STORM_EMERGENCY)
 
     def _inject_due_faults(self, sync_count: int) -> None:
         while self._script and self._script[-1].at_sync <= sync_count:
@@ -281,13 +284,12 @@ class VirtualController:
     def _handle_deadlines(self) -> None:
         now = self.now_s()
         with self._send_lock:
-            for message in self.disturbances.wire_out.overdue():
+            for message in self.wire_out.overdue():
                 self._bus.send(message)
-        for message in self.disturbances.wire_in.overdue():
+        for message in self.wire_in.overdue():
             self._take_in(message)
-        off_until_s = self.disturbances.off_until_s
-        if off_until_s is not None and now >= off_until_s:
-            self.disturbances.off_until_s = None
+        if self.off_until_s is not None and now >= self.off_until_s:
+            self.off_until_s = None
         holder = self.supervisor.holder
         if holder and self._lost(holder):
             for _ in range(_CATCH_UP_FRAMES):  # the heartbeat may be in the queue
@@ -299,15 +301,14 @@ class VirtualController:
                 for joint in self.drives:
                     joint.drive.lose_heartbeat()
                 self.supervisor.end_control()
-        for number, since in self.disturbances.cut_since_s.items():
+        for number, since in self.cut_since_s.items():
             if number <= len(self.drives) and now - since > self._timeout_s:
                 self.drives[number - 1].drive.lose_heartbeat()
-        if now >= self._next_beat_s:
-            # Counted from now, so that a late loop sends no burst.
-            self._next_beat_s = now + HEARTBEAT_PERIOD_S
-            for node in self._nodes:
-                if self.disturbances.sends_heartbeat(node.number, now):
-                    node.beat()
+        for node in self._nodes:
+            if now >= node.next_beat_s and "no-heartbeat" not in node.faults:
+                # Counted from now, so that a late loop sends no burst.
+                node.next_beat_s = now + node.heartbeat_period_s
+                node.beat()
 
     def _lost(self, node: int) -> bool:
         """Whether a node was silent for longer than the time-out; host latency (`LatencyMonitor`) is not counted."""

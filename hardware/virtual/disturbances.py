@@ -1,11 +1,10 @@
-"""Active faults of the virtual arm and of its bus, read on every SYNC."""
+"""Faults of the frames on the virtual arm's bus."""
 
 import heapq
-import math
 import time
 from collections.abc import Callable, Iterator
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import can
 import numpy as np
@@ -86,81 +85,3 @@ class FaultyWire:
         """Yield the late frames that are due."""
         while self._late and self._late[0][0] <= self._clock():
             yield heapq.heappop(self._late)[2]
-
-
-DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS = 20, 5556
-"""Growth of a divergence per control period, and its final value, which is 5 deg with 400,000 counts per turn."""
-
-
-@dataclass(slots=True)
-class Disturbances:
-    """Active faults, by node or joint."""
-
-    cut_since_s: dict[int, float] = field(default_factory=dict)
-    """Time at which a node's cable was cut (the controller's clock), by node."""
-    no_heartbeat: set[int] = field(default_factory=set)
-    heartbeat_period_s: dict[int, float] = field(default_factory=dict)
-    """Changed heartbeat periods, by node."""
-    lost_tpdos: dict[int, int] = field(default_factory=dict)
-    """Number of TPDO1 still to be lost, by joint."""
-    doubled_tpdos: set[int] = field(default_factory=set)
-    frozen_counts: dict[int, int] = field(default_factory=dict)
-    """Constant reading of a stuck sensor, by joint."""
-    lost_counts: dict[int, int] = field(default_factory=dict)
-    """Offset of a sensor's readings, by joint; the drive follows the changed readings."""
-    diverged_counts: dict[int, int] = field(default_factory=dict)
-    """Distance of a joint from its drive's target, by joint; the distance grows every control period."""
-    ripple_counts: dict[int, float] = field(default_factory=dict)
-    """Standard deviation of the noise added to a sensor's readings, by joint."""
-    blocked: set[int] = field(default_factory=set)
-    sagging: set[int] = field(default_factory=set)
-    """Joints that do not move in free mode (`blocked`), and joints that do not hold in position mode."""
-    storming: set[int] = field(default_factory=set)
-    stalled_sdo: set[int] = field(default_factory=set)
-    refused_sdo: set[int] = field(default_factory=set)
-    off_until_s: float | None = None
-    """Time until which no frame passes (the controller's clock); None if frames pass."""
-    wire_out: FaultyWire = field(default_factory=FaultyWire)
-    wire_in: FaultyWire = field(default_factory=FaultyWire)
-    """Directions from and to the arm, with their faults."""
-    _next_beat_s: dict[int, float] = field(default_factory=dict)
-    _rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
-
-    @property
-    def delays(self) -> bool:
-        """Whether a wire delays frames."""
-        return self.wire_out.delays or self.wire_in.delays
-
-    def sends_heartbeat(self, node: int, now_s: float) -> bool:
-        """Whether a node sends the heartbeat that is due now; a node with a longer period skips some of them."""
-        if node in self.no_heartbeat:
-            return False
-        period_s = self.heartbeat_period_s.get(node)
-        if period_s is None:
-            return True
-        if now_s < self._next_beat_s.get(node, -math.inf):
-            return False
-        self._next_beat_s[node] = now_s + period_s
-        return True
-
-    def read(self, joint: int, counts: int) -> int:
-        """Return a sensor's reading with the joint's active faults; `counts`: the reading without faults."""
-        if joint in self.frozen_counts:
-            return self.frozen_counts[joint]
-        ripple = self.ripple_counts.get(joint, 0.0)
-        noise = round(self._rng.normal(0.0, ripple)) if ripple else 0
-        return counts + self.lost_counts.get(joint, 0) + noise
-
-    def loses_tpdo(self, joint: int) -> bool:
-        """Whether the TPDO1 that a joint is about to send is lost; if so, `lost_tpdos` is reduced by one."""
-        remaining = self.lost_tpdos.get(joint, 0)
-        self.lost_tpdos[joint] = max(0, remaining - 1)
-        return remaining > 0
-
-    def divergence(self, joint: int) -> int:
-        """Return a joint's simulated deviation from its target, counts; each call increases it, up to a limit."""
-        counts = self.diverged_counts.get(joint)
-        if counts is None:
-            return 0
-        self.diverged_counts[joint] = min(counts + DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS)
-        return counts

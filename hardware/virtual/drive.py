@@ -20,21 +20,22 @@ class Drive:
     After a quick stop or the loss of the operator's heartbeat the drive holds the measured position in position mode.
     After any other trip the joint's valve is blocked.
 
+    `faults`: names of the active faults (`hardware.virtual.faults`).
     `on_emergency` is called with the active errors, the latest last, at every new error and once no error is left.
     """
 
     def __init__(
-        self, axis: AxisSettings, *, on_emergency: Callable[[list[EmergencyCode]], None]
+        self,
+        axis: AxisSettings,
+        faults: set[str],
+        *,
+        on_emergency: Callable[[list[EmergencyCode]], None],
     ) -> None:
-        self.axis, self._on_emergency = axis, on_emergency
+        self.axis, self._faults, self._on_emergency = axis, faults, on_emergency
         self.counts = 0
         self.torque_nm = 0.0
         self.speed_rad_per_s = 0.0
         self.in_control = False
-        # Set by `hardware.virtual.faults`.
-        self.external_stop = self.sensor_failed = self.refuses_modes = False
-        self.ignores_heartbeat = self.ignores_targets = self.loses_enable = False
-        self.sees_no_following_error = False
         self.power_up()
 
     def power_up(self) -> None:
@@ -87,7 +88,7 @@ class Drive:
 
     def obey_target(self, target_counts: int) -> None:
         """Act on 607Ah if the drive is enabled, in position mode and under control."""
-        if self.ignores_targets or not (self._is_servo_on and self.in_control):
+        if "deaf-drive" in self._faults or not (self._is_servo_on and self.in_control):
             return
         if target_counts == self.target_counts:
             self._end(EmergencyCode.REFERENCE_LIMIT)
@@ -111,7 +112,7 @@ class Drive:
         A drive with power holds its position until the fault is reset. If no node is in control, nothing happens.
         """
         known = EmergencyCode.HEARTBEAT_LOST in self.errors
-        if self.ignores_heartbeat or known or not self.in_control:
+        if "unwatched" in self._faults or known or not self.in_control:
             return
         if self.state in cia402.POWERED_STATES:
             self._hold()
@@ -133,17 +134,17 @@ class Drive:
         if self._command is None:
             enabled = self.state is DriveState.OPERATION_ENABLED
             servo = self._holding or self._is_servo_on
-            self._command = JointCommand(
-                mode=JointMode.POSITION if servo else self.mode if enabled else None,
-                target_rad=self.axis.scale.to_rad(self.target_counts if servo else self.counts),
-            )
+            mode = JointMode.POSITION if servo else self.mode if enabled else None
+            target_counts = self.target_counts if servo else self.counts
+            self._command = mode, self.axis.scale.to_rad(target_counts)
         return self._command
 
     def read(self, counts: int, torque_nm: float, speed_rad_per_s: float) -> None:
         """Take in sensor values after a control period; then switch modes and check for faults."""
         self.finish_reaction()
-        if self.loses_enable and self.state is DriveState.OPERATION_ENABLED:
-            self.loses_enable, self.state, self._command = False, DriveState.SWITCHED_ON, None
+        if "lost-enable" in self._faults and self.state is DriveState.OPERATION_ENABLED:
+            self._faults.remove("lost-enable")
+            self.state, self._command = DriveState.SWITCHED_ON, None
         self.counts, self.torque_nm, self.speed_rad_per_s = counts, torque_nm, speed_rad_per_s
         self._switch_mode()
         self._supervise()
@@ -160,7 +161,7 @@ class Drive:
             flags |= StatusBit.REMOTE
         if EmergencyCode.REFERENCE_LIMIT in self.errors:
             flags |= StatusBit.INTERNAL_LIMIT
-        if self._is_servo_on and not self.ignores_targets:
+        if self._is_servo_on and "deaf-drive" not in self._faults:
             flags |= StatusBit.FOLLOWS_COMMAND
         if EmergencyCode.FOLLOWING in self.errors:
             flags |= StatusBit.FOLLOWING_ERROR
@@ -181,14 +182,15 @@ class Drive:
         mode = JOINT_MODE.get(self.mode_request)
         switching = mode not in (None, self.mode) and not self._holding
         self._switching_for = self._switching_for + 1 if switching else 0
-        if self._switching_for >= self.axis.mode_switch_cycles and not self.refuses_modes:
+        refused = "refused-modes" in self._faults
+        if self._switching_for >= self.axis.mode_switch_cycles and not refused:
             self.mode, self._switching_for = mode, 0
             self._set_target_to_position()
 
     def _supervise(self) -> None:
         axis = self.axis
         inside = axis.lowest_counts < self.counts < axis.highest_counts
-        if self.sensor_failed or not inside:
+        if "broken-sensor" in self._faults or not inside:
             self._trip_once(EmergencyCode.SENSOR)
         if not (self.state in cia402.POWERED_STATES or self._holding):
             return
@@ -198,7 +200,7 @@ class Drive:
         self._torque_for = self._torque_for + 1 if excess else 0
         if self._torque_for >= axis.trip_cycles:
             self._trip_once(EmergencyCode.EXCESS_TORQUE)
-        if self.mode is not JointMode.POSITION or self.sees_no_following_error:
+        if self.mode is not JointMode.POSITION or "stray" in self._faults:
             return
         away = abs(self.counts - self.target_counts) > axis.following_window_counts
         self._following_for = self._following_for + 1 if away else 0
@@ -211,8 +213,8 @@ class Drive:
 
     def _reset(self) -> bool:
         persists = {
-            EmergencyCode.EXTERNAL_STOP: self.external_stop,
-            EmergencyCode.SENSOR: self.sensor_failed,
+            EmergencyCode.EXTERNAL_STOP: "external-stop" in self._faults,
+            EmergencyCode.SENSOR: "broken-sensor" in self._faults,
         }
         if any(persists.get(code, False) for code in self.errors):
             return False

@@ -5,14 +5,14 @@ TPDO1 and RPDO1 are packed by `struct`, for speed; a test compares their layouts
 
 import struct
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
+
+import numpy as np
 
 from hardware.arm import JointMode
 from hardware.canopen import cia402, objects
 from hardware.canopen.objects import JOINT_PRODUCT, NmtState
 from hardware.virtual.axis import AxisSettings, JointCommand
-from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive import Drive
 from hardware.virtual.node import Send, VirtualNode
 from hardware.virtual.plant import Plant
@@ -21,6 +21,11 @@ RPDO1: Final = struct.Struct("<Hlb")
 """Layout of RPDO1, which is acted on when received: controlword, target position in counts, mode."""
 TPDO1: Final = struct.Struct("<Hlh")
 """Layout of TPDO1, which is sent on every SYNC: statusword, position in counts, torque in per mille of rated torque."""
+RIPPLE_COUNTS: Final = 10.0
+"""Standard deviation of the noise of fault ``ripple``: five times that of an RVDT of the paper's arm."""
+DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS = 20, 5556
+"""Distance of a joint from its target in fault ``stray``: growth per control period, and final value, which is 5 deg
+with 400,000 counts per turn."""
 _HIGHEST_I16: Final = 2**15 - 1
 _HIGHEST_I32: Final = 2**31 - 1
 
@@ -31,10 +36,16 @@ class DriveNode(VirtualNode):
     def __init__(self, axis: AxisSettings, send: Send, *, serial_number: int) -> None:
         super().__init__(axis.joint, send, product=JOINT_PRODUCT, serial_number=serial_number)
         self.axis = axis
-        self.drive = Drive(axis, on_emergency=self.send_emergency)
+        self.drive = Drive(axis, self.faults, on_emergency=self.send_emergency)
         self.tpdo1_id = objects.COB_TPDO1 + self.number
         self.home_offset_counts = 0
         self.reports_speed = False
+        self.lost_tpdos = 0
+        """Number of TPDO1 still to be lost."""
+        self.lost_counts = 0
+        """Offset of the sensor's readings; the drive follows the changed readings."""
+        self.diverged_counts = 0
+        """Distance of the joint from its drive's target."""
         self._per_mille = 1000.0 / axis.max_torque_nm
         self._serve_objects()
 
@@ -44,8 +55,11 @@ class DriveNode(VirtualNode):
             self.drive.obey(*RPDO1.unpack(data))
 
     def tpdo1(self) -> bytes | None:
-        """Return the data of TPDO1; None if the node is not *operational*."""
+        """Return the data of TPDO1; None if the node is not *operational*, or if this TPDO1 is lost."""
         if self.state is not NmtState.OPERATIONAL:
+            return None
+        if self.lost_tpdos:
+            self.lost_tpdos -= 1
             return None
         position = self._speed() if self.reports_speed else self.drive.counts
         position = max(-_HIGHEST_I32 - 1, min(_HIGHEST_I32, position))
@@ -104,37 +118,43 @@ class DriveNode(VirtualNode):
 
 
 class DriveGroup:
-    """Drives of joints 1..n, with their plant and the active faults.
+    """Drives of joints 1..n, with their plant.
 
     If one drive trips, all others stop (not in CiA 402): in a closed chain, a drive that went on would push against the
     tripped joint. No drive moves until the fault is reset. If the operator's heartbeat is lost, the drives hold
     position and raise 8130h. When the control token is released, all drives stop and hold without a fault.
     """
 
-    def __init__(
-        self, drives: Sequence[DriveNode], plant: Plant, disturbances: Disturbances
-    ) -> None:
-        self.drives, self._plant, self._disturbances = tuple(drives), plant, disturbances
+    def __init__(self, drives: Sequence[DriveNode], plant: Plant) -> None:
+        self.drives, self._plant = tuple(drives), plant
+        self._rng = np.random.default_rng(0)
 
     def step(self) -> None:
         """Advance one control period: step the plant, pass the readings to the drives, stop all if one has tripped."""
-        reading = self._plant.step([self._command_of(node) for node in self.drives])
-        values = reading.position_counts, reading.torque_nm, reading.speed_rad_per_s
-        for node, counts, torque, speed in zip(self.drives, *values, strict=True):
-            node.drive.read(self._disturbances.read(node.number, counts), torque, speed)
+        readings = self._plant.step([self._command_of(node) for node in self.drives])
+        for node, counts, torque, speed in zip(self.drives, *readings, strict=True):
+            node.drive.read(self._reading(node, counts), torque, speed)
         if any(node.drive.state in cia402.FAULT_STATES for node in self.drives):
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
-        command, faults = node.drive.command(), self._disturbances
-        if command.mode is JointMode.FREE and node.number in faults.blocked:
-            return replace(command, mode=None)
-        if command.mode is JointMode.POSITION and node.number in faults.sagging:
-            return replace(command, mode=JointMode.FREE)
-        error = faults.divergence(node.number) - faults.lost_counts.get(node.number, 0)
-        if not error:
-            return command
-        return replace(command, target_rad=command.target_rad + node.axis.scale.to_rad(error))
+        mode, target_rad = node.drive.command()
+        if mode is JointMode.FREE and "blocked-joint" in node.faults:
+            return None, target_rad
+        if mode is JointMode.POSITION and "sagging-drive" in node.faults:
+            return JointMode.FREE, target_rad
+        error = node.diverged_counts - node.lost_counts
+        if "stray" in node.faults:
+            grown = node.diverged_counts + DIVERGENCE_STEP_COUNTS
+            node.diverged_counts = min(grown, DIVERGENCE_COUNTS)
+        return mode, target_rad + node.axis.scale.to_rad(error)
+
+    def _reading(self, node: DriveNode, counts: int) -> int:
+        """Return a sensor's reading with the node's active faults; `counts`: the reading without faults."""
+        if "frozen-sensor" in node.faults:
+            return node.drive.counts
+        noise = round(self._rng.normal(0.0, RIPPLE_COUNTS)) if "ripple" in node.faults else 0
+        return counts + node.lost_counts + noise
 
     def quick_stop(self) -> None:
         """Stop and hold every drive that is enabled."""

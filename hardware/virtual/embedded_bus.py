@@ -4,7 +4,7 @@ import queue
 import time
 from collections.abc import Callable
 from copy import copy
-from typing import Any, cast
+from typing import cast
 
 import can
 from can.interfaces.virtual import VirtualBus, channels_lock
@@ -20,21 +20,15 @@ _SENT = can.Message()
 class EmbeddedBus(VirtualBus):
     """Replacement for python-can's virtual bus, on the same channels, at a third of the processor time.
 
-    It uses a `TimedQueue` (based on a queue in C), shares one copy of each frame, and caches the filters' results.
+    It uses a `TimedQueue` (based on a queue in C), shares one copy of each frame, and has no filters.
     """
 
-    def __init__(self, channel: str, **kwargs: Any) -> None:
-        self._passes: dict[int, bool] = {}
-        super().__init__(channel, **kwargs)
+    def __init__(self, channel: str) -> None:
+        super().__init__(channel)
         simple = cast("queue.Queue[can.Message]", TimedQueue())
         with channels_lock:
             self.channel[self.channel.index(self.queue)] = simple
             self.queue = simple
-
-    def set_filters(self, filters: Any = None) -> None:
-        """Set filters as python-can does."""
-        super().set_filters(filters)
-        self._passes.clear()
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame to all others on the channel."""
@@ -48,24 +42,9 @@ class EmbeddedBus(VirtualBus):
                 listener.put(shared, timeout=timeout)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """Return the next frame that the filters pass; None after `timeout` seconds."""
-        until = None if timeout is None else time.monotonic() + timeout
-        while True:
-            message, _ = self._recv_internal(timeout)
-            if message is not None and self._is_passed(message):
-                return message
-            if until is not None:
-                timeout = max(0.0, until - time.monotonic())
-                if timeout == 0.0 and message is None:
-                    return None
-
-    def _is_passed(self, message: can.Message) -> bool:
-        if message.is_extended_id:
-            return self._matches_filters(message)
-        passes = self._passes.get(message.arbitration_id)
-        if passes is None:
-            passes = self._passes[message.arbitration_id] = self._matches_filters(message)
-        return passes
+        """Return the next frame; None after `timeout` seconds."""
+        message, _ = self._recv_internal(timeout)
+        return message
 
 
 class AttendingBus(EmbeddedBus):
@@ -75,8 +54,8 @@ class AttendingBus(EmbeddedBus):
     thread sends a frame meanwhile, the reader wakes and calls `attend` again.
     """
 
-    def __init__(self, channel: str, attend: Callable[[], None], **kwargs: Any) -> None:
-        super().__init__(channel, **kwargs)
+    def __init__(self, channel: str, attend: Callable[[], None]) -> None:
+        super().__init__(channel)
         self._attend = attend
         self._awaited = False
 
@@ -86,7 +65,8 @@ class AttendingBus(EmbeddedBus):
         if self._awaited:
             self.queue.put(_SENT)
 
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Return the next frame; None after `timeout` seconds."""
         until = None if timeout is None else time.monotonic() + timeout
         # Set before `attend`, so that a frame sent while it runs wakes the reader before the time-out.
         self._awaited = True
@@ -94,13 +74,10 @@ class AttendingBus(EmbeddedBus):
             while True:
                 if self.queue.empty():
                     self._attend()
-                if not self.queue.empty():
-                    remaining_s: float | None = 0.0
-                else:
-                    remaining_s = None if until is None else max(0.0, until - time.monotonic())
-                message, filtered = super()._recv_internal(remaining_s)
+                remaining_s = None if until is None else max(0.0, until - time.monotonic())
+                message = super().recv(remaining_s)
                 if message is not _SENT:
-                    return message, filtered
+                    return message
         finally:
             self._awaited = False
 

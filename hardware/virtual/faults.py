@@ -1,8 +1,8 @@
 """Fault injection into the virtual controller, for tests and demonstrations.
 
-`FAULT_KINDS` has a function for every fault that `fault_messages` describes. The controller's loop calls the function.
-Most functions only change the controller's `Disturbances`. A `ScriptedFault` is injected at a given SYNC, so that a run
-with faults is reproducible.
+Some of the faults that `fault_messages` describes are only a name in the node's set of active faults, which is read
+where the fault has its effect. For the others, `FAULT_ACTIONS` has a function, which the controller's loop calls. A
+`ScriptedFault` is injected at a given SYNC, so that a run with faults is reproducible.
 """
 
 from __future__ import annotations
@@ -16,123 +16,98 @@ from typing import TYPE_CHECKING
 from hardware.canopen import objects
 from hardware.canopen.objects import EmergencyCode, NmtCommand
 from hardware.virtual.disturbances import FaultyWire, FrameFaults
+from hardware.virtual.fault_messages import FAULTS
 
 if TYPE_CHECKING:
     from hardware.virtual.controller import VirtualController
+    from hardware.virtual.drive_node import DriveNode
+    from hardware.virtual.node import VirtualNode
 
-RIPPLE_COUNTS = 10.0
-"""Standard deviation of the noise of fault ``ripple``: five times that of an RVDT of the paper's arm."""
 SLOW_HEARTBEAT_S = 5.0
 MISSED_ANSWERS = 10
 SLIP_M = 1e-3
+JUMP_RAD = math.radians(2.0)
 
-FaultAction = Callable[["VirtualController", int], object]
-"""Function that injects a fault into the controller; only faults of one joint use the joint number."""
+FaultAction = Callable[["VirtualController", "DriveNode"], object]
+"""Function that injects a fault into the controller; only faults of one joint use the node."""
 
 
 def inject(arm: VirtualController, kind: str, joint: int) -> None:
-    """Inject the fault `kind` (`FAULT_KINDS`); may be called from any thread. Faults are injected in order of calls.
+    """Inject the fault `kind` (`FAULTS`); may be called from any thread. Faults are injected in order of calls.
 
     Raises `KeyError` if there is no such fault, `ValueError` if there is no such joint.
     """
-    act = FAULT_KINDS[kind]
+    if kind not in FAULTS:
+        raise KeyError(kind)
     if not 1 <= joint <= len(arm.drives):
         raise ValueError(f"there is no joint {joint}")
-    arm.post(lambda: act(arm, joint))
+    node = arm.drives[joint - 1]
+    act = FAULT_ACTIONS.get(kind)
+    arm.post(partial(node.faults.add, kind) if act is None else partial(act, arm, node))
 
 
 def disturb_frames(arm: VirtualController, faults: FrameFaults) -> None:
     """Lose, double, delay or damage frames of all nodes, in both directions; `FrameFaults()` ends these faults."""
-    arm.disturbances.wire_out = FaultyWire(faults, 0, clock=arm.now_s)
-    arm.disturbances.wire_in = FaultyWire(faults, 1, clock=arm.now_s)
+    arm.wire_out = FaultyWire(faults, 0, clock=arm.now_s)
+    arm.wire_in = FaultyWire(faults, 1, clock=arm.now_s)
 
 
-def lose_counts(arm: VirtualController, joint: int, counts: int) -> None:
+def lose_counts(node: DriveNode, counts: int) -> None:
     """Shift a joint's reading by `counts`, in addition to earlier shifts."""
-    lost = arm.disturbances.lost_counts
-    lost[joint] = lost.get(joint, 0) + counts
-
-
-def external_stop(arm: VirtualController, *, pressed: bool) -> None:
-    """Press or release the external stop; when it is pressed, all drives trip (5441h) and block their valves."""
-    for node in arm.drives:
-        node.drive.external_stop = pressed
-        if pressed:
-            node.drive.trip(EmergencyCode.EXTERNAL_STOP)
-    arm.supervisor.send_emergency([EmergencyCode.EXTERNAL_STOP] if pressed else [])
+    node.lost_counts += counts
 
 
 def _frames(**shares: float) -> FaultAction:
-    return lambda arm, _joint: disturb_frames(arm, FrameFaults(**shares))
+    return lambda arm, _node: disturb_frames(arm, FrameFaults(**shares))
 
 
 def _leave_bus(seconds: float) -> FaultAction:
-    return lambda arm, _joint: setattr(arm.disturbances, "off_until_s", arm.now_s() + seconds)
+    return lambda arm, _node: setattr(arm, "off_until_s", arm.now_s() + seconds)
 
 
-def _add(faulty: str) -> FaultAction:
-    return lambda arm, joint: getattr(arm.disturbances, faulty).add(joint)
+def _cut_cable(arm: VirtualController, node: VirtualNode) -> None:
+    arm.cut_since_s.setdefault(node.number, arm.now_s())
 
 
-def _set_of_joint(faulty: str, value: float) -> FaultAction:
-    return lambda arm, joint: getattr(arm.disturbances, faulty).update({joint: value})
+def _slow_heartbeat(_arm: VirtualController, node: DriveNode) -> None:
+    node.answers[objects.HEARTBEAT_PRODUCER, 0] = round(SLOW_HEARTBEAT_S * 1e3)
+    node.heartbeat_period_s = SLOW_HEARTBEAT_S
 
 
-def _flag(name: str) -> FaultAction:
-    return lambda arm, joint: setattr(arm.drives[joint - 1].drive, name, True)
-
-
-def _cut_cable(arm: VirtualController, node: int) -> None:
-    arm.disturbances.cut_since_s.setdefault(node, arm.now_s())
-
-
-def _slow_heartbeat(arm: VirtualController, joint: int) -> None:
-    arm.drives[joint - 1].answers[objects.HEARTBEAT_PRODUCER, 0] = round(SLOW_HEARTBEAT_S * 1e3)
-    arm.disturbances.heartbeat_period_s[joint] = SLOW_HEARTBEAT_S
-
-
-def _swap_tpdo_id(arm: VirtualController, joint: int) -> None:
+def _swap_tpdo_id(arm: VirtualController, node: DriveNode) -> None:
     """Make a joint send its TPDO1 with the identifier of the next joint; the last joint uses that of the first."""
-    arm.drives[joint - 1].tpdo1_id = objects.COB_TPDO1 + joint % len(arm.drives) + 1
+    node.tpdo1_id = objects.COB_TPDO1 + node.number % len(arm.drives) + 1
 
 
-def _report_speed(arm: VirtualController, joint: int) -> None:
+def _report_speed(_arm: VirtualController, node: DriveNode) -> None:
     """Make TPDO1 carry the speed in place of the position; the PDO map (1A00h) states the speed too."""
-    node = arm.drives[joint - 1]
     node.answers[objects.TPDO1_MAP, 2] = objects.VELOCITY_ACTUAL << 16 | 32
     node.reports_speed = True
 
 
-def _restart_node(arm: VirtualController, joint: int) -> None:
+def _restart_node(_arm: VirtualController, node: DriveNode) -> None:
     """Power-cycle one drive, which then becomes *operational* by itself; its position counts restart at zero."""
-    node = arm.drives[joint - 1]
-    lose_counts(arm, joint, -node.drive.counts)
+    lose_counts(node, -node.drive.counts)
     node.drive.counts = 0
     node.on_nmt(NmtCommand.RESET_NODE)
     node.on_nmt(NmtCommand.START)
 
 
-def _stop_watching(arm: VirtualController, joint: int) -> None:
+def _stop_watching(_arm: VirtualController, node: DriveNode) -> None:
     """Make a drive ignore the loss of the operator's heartbeat; its 1016h then reads 0."""
-    arm.drives[joint - 1].answers[objects.HEARTBEAT_CONSUMER, 1] = 0
-    _flag("ignores_heartbeat")(arm, joint)
+    node.answers[objects.HEARTBEAT_CONSUMER, 1] = 0
+    node.faults.add("unwatched")
 
 
-def _freeze_sensor(arm: VirtualController, joint: int) -> None:
-    arm.disturbances.frozen_counts[joint] = arm.drives[joint - 1].drive.counts
+def _external_stop(arm: VirtualController, _node: DriveNode) -> None:
+    """Press the external stop: all drives trip (5441h) and block their valves."""
+    for node in arm.drives:
+        node.faults.add("external-stop")
+        node.drive.trip(EmergencyCode.EXTERNAL_STOP)
+    arm.supervisor.send_emergency([EmergencyCode.EXTERNAL_STOP])
 
 
-def _sensor_jump(arm: VirtualController, joint: int) -> None:
-    lose_counts(arm, joint, arm.drives[joint - 1].axis.scale.to_counts(math.radians(2.0)))
-
-
-def _diverge(arm: VirtualController, joint: int) -> None:
-    """Make a joint move 5 deg away from its target; the drive reports no following error."""
-    _flag("sees_no_following_error")(arm, joint)
-    arm.disturbances.diverged_counts[joint] = 0
-
-
-FAULT_KINDS: Mapping[str, FaultAction] = {
+FAULT_ACTIONS: Mapping[str, FaultAction] = {
     "frames-lost": _frames(lost=0.01),
     "frames-lost-10": _frames(lost=0.1),
     "frames-doubled": _frames(doubled=0.1),
@@ -143,39 +118,23 @@ FAULT_KINDS: Mapping[str, FaultAction] = {
     "bus-flicker": _leave_bus(0.2),
     "bus-off": _leave_bus(3.0),
     "silent-node": _cut_cable,
-    "silent-supervisor": lambda arm, _joint: _cut_cable(arm, objects.SUPERVISOR_NODE),
-    "no-heartbeat": _add("no_heartbeat"),
+    "silent-supervisor": lambda arm, _node: _cut_cable(arm, arm.supervisor),
     "other-heartbeat": _slow_heartbeat,
-    "missed-answers": _set_of_joint("lost_tpdos", MISSED_ANSWERS),
-    "double-answers": _add("doubled_tpdos"),
+    "missed-answers": lambda _arm, node: setattr(node, "lost_tpdos", MISSED_ANSWERS),
     "wrong-node": _swap_tpdo_id,
     "other-map": _report_speed,
-    "sdo-stall": _add("stalled_sdo"),
-    "sdo-stall-supervisor": lambda arm, _joint: arm.disturbances.stalled_sdo.add(
-        objects.SUPERVISOR_NODE
-    ),
-    "sdo-abort": _add("refused_sdo"),
+    "sdo-stall-supervisor": lambda arm, _node: arm.supervisor.faults.add("sdo-stall"),
     "restart-node": _restart_node,
-    "restart": lambda arm, _joint: arm.restart(),
-    "hang": lambda arm, _joint: arm.running.clear(),
+    "restart": lambda arm, _node: arm.restart(),
+    "hang": lambda arm, _node: arm.running.clear(),
     "unwatched": _stop_watching,
-    "lost-counts-5": partial(lose_counts, counts=-5),
-    "lost-counts-500": partial(lose_counts, counts=-500),
-    "sensor-jump": _sensor_jump,
-    "ripple": _set_of_joint("ripple_counts", RIPPLE_COUNTS),
-    "frozen-sensor": _freeze_sensor,
-    "broken-sensor": _flag("sensor_failed"),
-    "collision": lambda arm, joint: arm.drives[joint - 1].drive.trip(EmergencyCode.EXCESS_TORQUE),
-    "blocked-joint": _add("blocked"),
-    "sagging-drive": _add("sagging"),
-    "slipped-fixture": lambda arm, _joint: arm.plant.slip(SLIP_M),
-    "bound-hinge": lambda arm, _joint: arm.plant.bind_hinge(),
-    "stray": _diverge,
-    "lost-enable": _flag("loses_enable"),
-    "deaf-drive": _flag("ignores_targets"),
-    "emcy-storm": _add("storming"),
-    "refused-modes": _flag("refuses_modes"),
-    "external-stop": lambda arm, _joint: external_stop(arm, pressed=True),
+    "lost-counts-5": lambda _arm, node: lose_counts(node, -5),
+    "lost-counts-500": lambda _arm, node: lose_counts(node, -500),
+    "sensor-jump": lambda _arm, node: lose_counts(node, node.axis.scale.to_counts(JUMP_RAD)),
+    "collision": lambda _arm, node: node.drive.trip(EmergencyCode.EXCESS_TORQUE),
+    "slipped-fixture": lambda arm, _node: arm.plant.slip(SLIP_M),
+    "bound-hinge": lambda arm, _node: arm.plant.bind_hinge(),
+    "external-stop": _external_stop,
 }
 
 

@@ -44,6 +44,9 @@ class VirtualNode:
         self.number, self._send = node, send
         self.lock = threading.RLock()
         self.state = NmtState.BOOT_UP
+        self.faults: set[str] = set()
+        """Names of this node's active faults (`hardware.virtual.faults`)."""
+        self.heartbeat_period_s, self.next_beat_s = objects.HEARTBEAT_PERIOD_S, 0.0
         self.error_register = ErrorBit(0)
         self._history: dict[int, int] = {}
         """Codes of past errors by sub-index of 1003h, the latest first."""

@@ -152,11 +152,8 @@ class Plant:
         speed = self._last / CONTROL_PERIOD_S
         noise = self._rng.standard_normal(len(self.sensors)).tolist()
         sensed = zip(self.sensors, (angles - self._offsets)[1:].tolist(), noise, strict=True)
-        return PlantReading(
-            position_counts=tuple(sensor.counts(angle, draw) for sensor, angle, draw in sensed),
-            torque_nm=tuple(torque[1:].tolist()),
-            speed_rad_per_s=tuple(speed[1:].tolist()),
-        )
+        counts = tuple(sensor.counts(angle, draw) for sensor, angle, draw in sensed)
+        return PlantReading(counts, tuple(torque[1:].tolist()), tuple(speed[1:].tolist()))
 
     def _servos(self, commands: Sequence[JointCommand]) -> tuple[FloatArray, FloatArray]:
         """Return servo stiffness (N m/rad) and true target angle (rad) of hinge and joints, shape (n + 1,)."""
@@ -165,8 +162,8 @@ class Plant:
             stiffness[0], target[0] = BOUND_HINGE_NM_PER_RAD, self._bound_at
         now = self._angles.tolist()
         offsets = self._offsets.tolist()
-        for j, command in enumerate(commands, start=1):
-            if command.mode is None:
+        for j, (mode, target_rad) in enumerate(commands, start=1):
+            if mode is None:
                 # A blocked valve holds the joint where it closed.
                 closed_at = self._valve[j - 1]
                 if closed_at is None:
@@ -174,11 +171,11 @@ class Plant:
                 target[j] = closed_at
             else:
                 self._valve[j - 1] = None
-                if command.mode is JointMode.FREE:
+                if mode is JointMode.FREE:
                     continue
                 # The drive controls its sensor's reading, deviation included.
                 deviation = self.sensors[j - 1].deviation_rad(now[j] - offsets[j])
-                target[j] = command.target_rad - deviation + offsets[j]
+                target[j] = target_rad - deviation + offsets[j]
             stiffness[j] = SERVO_NM_PER_RAD
         return stiffness, target
 

@@ -165,21 +165,17 @@ def capture_specimen(procedure: Procedure, chosen: Scenario, *, poses: int) -> P
     """Simulate the capture of `poses` poses in scenario `chosen` at the waypoints of `procedure`, without a CAN bus."""
     arm, plan = procedure.arm, procedure.capture
     plant = chosen.build(arm)
-    sensors = [joint.sensor for joint in chosen.arm(arm).joints]
-    resolution = np.array([getattr(sensor, "resolution_rad", 0.0) for sensor in sensors])
+    resolution_rad = [sensor.resolution_rad for sensor in plant.sensors]
     drives = procedure.position_joints or ()
     joints = range(1, arm.joint_count + 1)
     modes = [JointMode.POSITION if j in drives else JointMode.FREE for j in joints]
 
     def step(targets_rad: FloatArray) -> FloatArray:
-        commands = [
-            JointCommand(mode=mode, target_rad=float(target))
-            for mode, target in zip(modes, targets_rad, strict=True)
-        ]
-        return np.asarray(plant.step(commands).position_counts * resolution)
+        commands = list(zip(modes, targets_rad.tolist(), strict=True))
+        return np.multiply(plant.step(commands).position_counts, resolution_rad)
 
-    held = [JointCommand(mode=None, target_rad=0.0)] * arm.joint_count
-    q = np.asarray(plant.step(held).position_counts * resolution)
+    held: list[JointCommand] = [(None, 0.0)] * arm.joint_count
+    q = np.multiply(plant.step(held).position_counts, resolution_rad)
     box = box_of(arm, plan, drives, home_rad=arm.home_rad, start_rad=q)
     targets, readings, spreads = q.copy(), [], []
     for waypoint in waypoints(box, poses=plan.poses, seed=plan.seed)[:poses]:

@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import can
 import numpy as np
@@ -12,9 +13,10 @@ import pytest
 
 from hardware import timing
 from hardware.arm import HostLatency
-from hardware.buses.python_can import BusSettings, stamping_clock
+from hardware.buses.python_can import ArmOnBus, BusSettings, stamping_clock
 from hardware.canopen.cyclic import Sample
 from hardware.canopen.objects import COB_HEARTBEAT, COB_SYNC, COB_TPDO1, NmtState
+from hardware.control import control_loop
 from hardware.control.control_loop import ControlLoop
 from hardware.control.stop_line import StopLatch
 from hardware.errors import BusError
@@ -144,19 +146,17 @@ def bus(clock):
 
 
 @pytest.fixture
-def loop(bus):
+def loop(bus, monkeypatch):
+    monkeypatch.setattr(control_loop, "stamping_clock", lambda _: bus.clock.stamps)
     return ControlLoop(
         bus,
-        profile=sarcos(JOINTS),
-        pace=timing.Pace.REAL_TIME,
+        ArmOnBus(SimpleNamespace(), BusSettings(), sarcos(JOINTS)),
         on_sdo=lambda *_: None,
         allow=lambda *_: None,
         quick_stop=lambda: None,
-        timing=timing.Timing(heartbeat_timeout_s=1.0),
         watch=JointMonitor([4.0] * JOINTS),
         latch=StopLatch(),
         clock=bus.clock,
-        stamps=bus.clock.stamps,
     )
 
 

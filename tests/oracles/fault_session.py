@@ -85,7 +85,7 @@ def call_in_loop(controller: VirtualController, reader: Callable[[], T]) -> T:
 
 
 def drives_of(controller: VirtualController) -> DriveStates:
-    return tuple((node.drive.state, node.drive.command().mode) for node in controller.drives)
+    return tuple((node.drive.state, node.drive.command()[0]) for node in controller.drives)
 
 
 def observe_drives(controller: VirtualController) -> tuple[DriveStates, DriveStates, float]:

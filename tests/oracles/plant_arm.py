@@ -19,7 +19,7 @@ from hardware.arm import (
 )
 from hardware.control.trajectory import StraightMove
 from hardware.errors import UploadRefused
-from hardware.virtual.axis import JointCommand, PlantReading
+from hardware.virtual.axis import PlantReading
 from hardware.virtual.scenarios import Scenario, scenario
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.procedure import Procedure
@@ -69,8 +69,7 @@ class PlantArm:
         if self.interrupt_at_sync is not None and self._syncs >= self.interrupt_at_sync:
             raise KeyboardInterrupt
         self._syncs += 1
-        commands = zip(self._modes, self._targets, strict=True)
-        self._reading = self.plant.step([JointCommand(mode=m, target_rad=t) for m, t in commands])
+        self._reading = self.plant.step(list(zip(self._modes, self._targets, strict=True)))
         return self._reading
 
     def _positions(self) -> np.ndarray:

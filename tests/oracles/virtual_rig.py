@@ -60,17 +60,14 @@ class TrivialPlant:
     def step(self, commands: Sequence[JointCommand]) -> PlantReading:
         self.steps += 1
         self.commands = list(commands)
-        for k, command in enumerate(commands):
-            if command.mode is JointMode.POSITION and k + 1 not in self.stuck:
-                self.angles_rad[k] = command.target_rad
-            elif command.mode is JointMode.FREE:
+        for k, (mode, target_rad) in enumerate(commands):
+            if mode is JointMode.POSITION and k + 1 not in self.stuck:
+                self.angles_rad[k] = target_rad
+            elif mode is JointMode.FREE:
                 self.angles_rad[k] += self.drift_rad[k]
         angles = zip(self.angles_rad, self.scales, strict=True)
-        return PlantReading(
-            position_counts=tuple(round(angle * scale) for angle, scale in angles),
-            torque_nm=tuple(self.torque_nm),
-            speed_rad_per_s=tuple(self.speed_rad_per_s),
-        )
+        counts = tuple(round(angle * scale) for angle, scale in angles)
+        return PlantReading(counts, tuple(self.torque_nm), tuple(self.speed_rad_per_s))
 
 
 class FakeClock:
@@ -111,14 +108,8 @@ class Rig:
         inject(self.controller, kind, joint)
         self.run_in_loop()
 
-    def clear_disturbance(self, name: str, joint: int) -> None:
-        entries = getattr(self.controller.disturbances, name)
-        self.run_in_loop(
-            lambda: entries.pop(joint) if isinstance(entries, dict) else entries.discard(joint)
-        )
-
-    def set_drive_flag(self, joint: int, name: str, value: bool) -> None:
-        self.run_in_loop(lambda: setattr(self.controller.drives[joint - 1].drive, name, value))
+    def clear_fault(self, kind: str, joint: int) -> None:
+        self.run_in_loop(lambda: self.controller.drives[joint - 1].faults.remove(kind))
 
     def operational(self, modes: Sequence[int] = (8,) * 7) -> list[tuple[int, int, int]]:
         self.peer.start()

@@ -16,7 +16,7 @@ from hardware.arm import DriveState, JointMode
 from hardware.buses.python_can import BusSettings
 from hardware.errors import HardwareError
 from hardware.virtual.fault_messages import FAULTS, ArmReaction
-from hardware.virtual.faults import FAULT_KINDS, inject
+from hardware.virtual.faults import inject
 from hardware.virtual.scenarios import scenario
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.procedure_file import load_procedure
@@ -107,7 +107,7 @@ def assert_arm_reaction(outcome: Outcome, reaction: ArmReaction, *, connected: b
     ("kind", "at_sync"),
     [
         pytest.param(*case, marks=() if case in DEFAULT_RUN else pytest.mark.campaign)
-        for case in itertools.product(FAULT_KINDS, (BEFORE, FIRST_SYNCS, *IN_CAPTURE))
+        for case in itertools.product(FAULTS, (BEFORE, FIRST_SYNCS, *IN_CAPTURE))
     ],
 )
 def test_fault_is_reported_and_no_accepted_pose_is_wrong(tmp_path, kind, at_sync):
@@ -219,7 +219,7 @@ def paper_document() -> bytes:
     "kind",
     [
         pytest.param(kind, marks=() if kind == "frames-doubled" else pytest.mark.campaign)
-        for kind in FAULT_KINDS
+        for kind in FAULTS
     ],
 )
 def test_upload_during_a_fault_is_complete_or_has_no_effect(kind):

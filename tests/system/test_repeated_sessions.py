@@ -51,7 +51,7 @@ def test_ten_runs_agree_and_a_remounted_encoder_is_found(bench, run_command):
     run_command(0, "compare", folders[0], folders[-1])
 
     # 2000 counts of joint 3 are 1.8 deg.
-    bench.controller.post(lambda: lose_counts(bench.controller, 3, -2000))
+    bench.controller.post(lambda: lose_counts(bench.controller.drives[2], -2000))
     comparison = run_command(4, "compare", folders[-1], accepted_folder(bench), "--json").json
     assert comparison["drifted"] == ["theta_off_3"]
 

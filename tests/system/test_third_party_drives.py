@@ -10,7 +10,7 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.buses.python_can import BusSettings, open_bus
-from hardware.virtual.axis import JointCommand, arm_axes
+from hardware.virtual.axis import arm_axes
 from hardware.virtual.scenarios import scenario
 from operator_app.commands.run import RunResult, run
 from operator_app.config.arm_file import load_arm
@@ -36,9 +36,9 @@ def closed_chain() -> Physics:
 
     def step(axes: list[Axis]) -> None:
         commands = [
-            JointCommand(
-                mode=MODES[axis.mode] if axis.status == 0x27 else None,
-                target_rad=axis.direction * axis.target / scale,
+            (
+                MODES[axis.mode] if axis.status == 0x27 else None,
+                axis.direction * axis.target / scale,
             )
             for axis, scale in zip(axes, scales, strict=True)
         ]

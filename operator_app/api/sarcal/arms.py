@@ -43,7 +43,6 @@ from hardware.errors import (
     UploadUnknown,
 )
 from hardware.virtual import DEFAULT_SCENARIO
-from hardware.virtual.axis import JointCommand
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.session.workflow.opening import Choices
@@ -218,8 +217,7 @@ class SimulatedChain:
             model, load_fixture(str(fixture)), Choices(scenario=scenario, seed=seed)
         )
         self._plant = chosen.build(model)
-        sensors = [joint.sensor for joint in chosen.arm(model).joints]
-        self._resolution = [getattr(sensor, "resolution_rad", 0.0) for sensor in sensors]
+        self._resolution_rad = [sensor.resolution_rad for sensor in self._plant.sensors]
         self.angles_rad: FloatArray = frozen([0.0] * model.joint_count)
         self.torques_nm: FloatArray = self.angles_rad
         self.step([None] * model.joint_count, self.angles_rad)
@@ -229,13 +227,7 @@ class SimulatedChain:
 
         `modes`: one per joint, None if the drive is off and the joint blocked. `targets_rad` (n,): for position mode.
         """
-        state = self._plant.step(
-            [
-                JointCommand(mode=mode, target_rad=float(target))
-                for mode, target in zip(modes, targets_rad, strict=True)
-            ]
-        )
-        counts = zip(state.position_counts, self._resolution, strict=True)
-        self.angles_rad = frozen([count * step for count, step in counts])
-        self.torques_nm = frozen(state.torque_nm)
+        reading = self._plant.step(list(zip(modes, map(float, targets_rad), strict=True)))
+        self.angles_rad = frozen(np.multiply(reading.position_counts, self._resolution_rad))
+        self.torques_nm = frozen(reading.torque_nm)
         return self.angles_rad

@@ -119,7 +119,7 @@ def test_look_stage_needs_no_consent_and_enables_nothing(bench):
     user = User()
     findings = findings_of(arm_of(bench), user, Stage.LOOK)
     assert (failed(findings), user.questions) == ([], [])
-    assert all(command.mode is None for command in bench.plant.commands)
+    assert all(mode is None for mode, _ in bench.plant.commands)
 
 
 def test_declined_stop_test_enables_no_drive(bench):
@@ -131,7 +131,7 @@ def test_declined_stop_test_enables_no_drive(bench):
     assert "no later check is run" in findings[-1].text
     assert len(user.questions) == 1
     assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD}
-    assert all(command.mode is None for command in bench.plant.commands)
+    assert all(mode is None for mode, _ in bench.plant.commands)
 
 
 def test_declined_joint_is_not_moved(bench):

@@ -1,15 +1,28 @@
-from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hardware.arm import DriveState, JointMode
-from hardware.canopen.drive_settings import DriveFacts
+from hardware.canopen.objects import Abort
 from hardware.commissioning.checks import drive_settings
-from hardware.commissioning.clauses import BENCH, is_enabled_unmoved, keeps_its_document
+from hardware.commissioning.clauses import BENCH, Clause, is_enabled_unmoved, keeps_its_document
+from hardware.errors import SdoRefused
+from tests.oracles.profiles import sarcos
 
-DRIVE = DriveFacts(joint=1, unsupported_modes=(), quick_stop_option=6, operator_timeout_s=0.5)
+
+def settings_of_drive(name: str, objects: dict[tuple[int, int], int]) -> list[Clause]:
+    """The clauses of this name about a drive with these objects; 1016h: 500 ms."""
+    held = {(0x1016, 0): 1, (0x1016, 1): 0x7F0000 | 500} | objects
+
+    def read_unsigned(node: int, index: int, sub: int = 0) -> int:
+        if (index, sub) not in held:
+            raise SdoRefused(node, index, sub, Abort.NO_OBJECT, "")
+        return held[index, sub]
+
+    access: Any = SimpleNamespace(read_unsigned=read_unsigned)
+    return [clause for clause in drive_settings(access, sarcos(1)) if clause.name == name]
 
 
 @pytest.mark.parametrize(
@@ -17,23 +30,22 @@ DRIVE = DriveFacts(joint=1, unsupported_modes=(), quick_stop_option=6, operator_
     [(None, False), (0.5, True), (2.0, True), (2.1, None), (10.0, None), (10.1, False)],
 )
 def test_heartbeat_timeout_bounds_of_guard_clause(guard_s, passed, approve):
-    clauses = drive_settings([replace(DRIVE, operator_timeout_s=guard_s)])
-    (guard,) = [clause for clause in clauses if clause.name == "guard"]
+    consumer = {(0x1016, 1): 0 if guard_s is None else 0x7F0000 | round(1e3 * guard_s)}
+    (guard,) = settings_of_drive("guard", consumer)
     assert guard.passed is passed
     approve(guard.text)
 
 
 def test_drive_without_reaction_to_the_timeout_fails_guard_clause(approve):
-    clauses = drive_settings([replace(DRIVE, ignores_timeout=True)])
-    (guard,) = [clause for clause in clauses if clause.name == "guard"]
+    (guard,) = settings_of_drive("guard", {(0x6007, 0): 0})
     assert guard.passed is False
     approve(guard.text)
 
 
 @pytest.mark.parametrize(("window", "reported"), [(None, 0), (5000, 0), (0xFFFFFFFF, 1)])
 def test_following_error_check_that_is_off_is_reported(window, reported, approve):
-    clauses = drive_settings([replace(DRIVE, following_window_counts=window)])
-    clauses = [clause for clause in clauses if clause.name == "following error"]
+    held = {} if window is None else {(0x6065, 0): window}
+    clauses = settings_of_drive("following error", held)
     assert [clause.passed for clause in clauses] == [None] * reported
     for clause in clauses:
         approve(clause.text)

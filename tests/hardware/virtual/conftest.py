@@ -13,7 +13,7 @@ from solver.arrays import FloatArray
 from tests.oracles.virtual_rig import Rig, rig
 
 SARCOS = load_arm("sarcos_dextrous")
-BLOCKED = [JointCommand(mode=None, target_rad=0.0)] * 7
+BLOCKED = [(None, 0.0)] * 7
 """Commands with all valves closed."""
 NODES = (*range(1, 8), 16)
 
@@ -21,10 +21,7 @@ NODES = (*range(1, 8), 16)
 def commands(targets_rad: Mapping[int, float]) -> list[JointCommand]:
     """Position mode for the joints with a target, free mode for the others."""
     return [
-        JointCommand(
-            mode=JointMode.POSITION if j in targets_rad else JointMode.FREE,
-            target_rad=targets_rad.get(j, 0.0),
-        )
+        (JointMode.POSITION, targets_rad[j]) if j in targets_rad else (JointMode.FREE, 0.0)
         for j in range(1, 8)
     ]
 

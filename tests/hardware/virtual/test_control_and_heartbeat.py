@@ -58,7 +58,7 @@ def test_returned_token_leaves_drives_holding_without_fault(arm):
     arm.operational([8, 10, 10, 10, 8, 10, 10])
     assert request_token(arm, 0) is None
     assert [word & STATE for word in statuswords(arm)] == [0x07] * 7
-    assert {c.mode for c in arm.plant.commands} == {JointMode.POSITION}
+    assert {mode for mode, _ in arm.plant.commands} == {JointMode.POSITION}
     arm.advance_time(5.0)  # no heartbeat is needed any more
     assert [word & STATE for word in statuswords(arm)] == [0x07] * 7
     assert not [n for n, _ in arm.peer.log if 0x80 < n < 0x100]
@@ -83,7 +83,7 @@ def test_lost_heartbeat_holds_joints_raises_8130h_and_frees_token(arm):
     assert arm.peer.read(16, 0x2010) == FREE
     after = arm.peer.sync()
     assert [word & 0x4F for word, _, _ in after] == [0x08] * 7
-    assert {c.mode for c in arm.plant.commands} == {JointMode.POSITION}
+    assert {mode for mode, _ in arm.plant.commands} == {JointMode.POSITION}
     assert [counts for _, counts, _ in after] == [counts for _, counts, _ in states]
 
 

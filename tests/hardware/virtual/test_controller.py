@@ -74,7 +74,7 @@ def test_reset_boots_the_node_and_only_reset_communication_holds(arm):
     states = arm.peer.sync()
     assert states[1][0] & STATE == 0x07
     assert states[2][0] & 0x4F == 0x40
-    modes = arm.run_in_loop(lambda: [command.mode for command in arm.plant.commands[1:3]])
+    modes = arm.run_in_loop(lambda: [mode for mode, _ in arm.plant.commands[1:3]])
     assert modes == [JointMode.POSITION, None]
 
 
@@ -86,7 +86,7 @@ def test_leaving_operational_stops_and_holds_drives(arm, command):
     arm.peer.nmt(1)
     states = arm.peer.sync()
     assert all(word & STATE == 0x07 for word, _, _ in states)
-    assert {c.mode for c in arm.plant.commands} == {JointMode.POSITION}
+    assert {mode for mode, _ in arm.plant.commands} == {JointMode.POSITION}
 
 
 def test_sync_steps_the_plant_once_and_sends_each_tpdo1_once(arm):

@@ -78,15 +78,15 @@ def test_silent_node_receives_nothing_and_holds_after_heartbeat_timeout(arm):
     arm.peer.command(4, 0x00, 0, 8)
     arm.peer.send(0x080)
     arm.run_in_loop()
-    assert arm.plant.commands[3].mode is JointMode.FREE
+    assert arm.plant.commands[3][0] is JointMode.FREE
     for _ in range(6):
         arm.clock.time_s += 0.1
         arm.peer.beat()
         arm.run_in_loop()
     arm.peer.send(0x080)
     arm.run_in_loop()
-    assert arm.plant.commands[3].mode is JointMode.POSITION
-    arm.clear_disturbance("cut_since_s", 4)
+    assert arm.plant.commands[3][0] is JointMode.POSITION
+    arm.run_in_loop(lambda: arm.controller.cut_since_s.pop(4))
     states = arm.peer.sync()
     assert states[3][0] & 0x4F == FAULT
     assert {word & STATE for k, (word, _, _) in enumerate(states) if k != 3} == {QUICK_STOPPED}
@@ -120,7 +120,7 @@ def disturb(arm: Rig, *, intact: str, **fractions: float) -> None:
 
     def act() -> None:
         disturb_frames(arm.controller, FrameFaults(**fractions))
-        setattr(arm.controller.disturbances, intact, FaultyWire())
+        setattr(arm.controller, intact, FaultyWire())
 
     arm.controller.post(act)
     wait_for_loop(arm)

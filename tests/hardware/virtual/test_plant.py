@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.virtual.axis import JointCommand, JointSensor, PlantReading
+from hardware.virtual.axis import JointSensor, PlantReading
 from hardware.virtual.plant import Loads, Plant
 from hardware.virtual.scenarios import STIFF
 from hardware.virtual.true_loop import PAPER_HOME_RAD, Truth, paper_loop
@@ -129,9 +129,8 @@ def test_blocked_valve_holds_the_joint():
     plant = make_plant(LOADED)
     list(move(plant, np.rad2deg(0.002) * np.arange(100), ratio=0.0))
     stopped = plant.true_angles_rad
-    off = [JointCommand(mode=None, target_rad=99.0)] * 7
     for _ in range(200):
-        reading = plant.step(off)
+        reading = plant.step([(None, 99.0)] * 7)
     assert np.rad2deg(np.abs(plant.true_angles_rad - stopped).max()) < 0.5
     assert max(map(abs, reading.speed_rad_per_s)) < 1e-6
 

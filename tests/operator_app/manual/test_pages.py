@@ -97,13 +97,13 @@ def test_every_exit_code_has_a_meaning():
 
 
 def test_every_app_key_and_fault_is_in_the_manual():
-    from hardware.virtual.faults import FAULT_KINDS
+    from hardware.virtual.fault_messages import FAULTS
     from operator_app.session.ui.action_table import ACTIONS
 
     page = manual().page("keys")
     assert not [a.name for a in ACTIONS if f"| {a.label} |" not in page]
     page = manual().page("faults")
-    assert not [kind for kind in FAULT_KINDS if f"| `{kind}` |" not in page]
+    assert not [kind for kind in FAULTS if f"| `{kind}` |" not in page]
 
 
 TOPICS = tuple(manual().topics)

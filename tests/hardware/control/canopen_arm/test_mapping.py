@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hardware.arm_description import JointScale
-from hardware.canopen.drive_settings import following_windows_counts
+from hardware.canopen.drive_settings import following_windows_counts, ignores_operator_timeout
 from hardware.errors import MappingMismatch, SdoRefused
 from tests.hardware.control.canopen_arm.conftest import make
 from tests.hardware.fake_arm import FakeArmBus
@@ -151,7 +151,7 @@ def test_drives_that_take_no_action_after_the_timeout_are_listed(bus, nodes, opt
     bus.objects[4, 0x6007, 0] = struct.pack("<h", option)
     with closing(make(bus)) as arm:
         assert arm.connect().unwatching == unwatching
-        ignoring = [drive.joint for drive in arm.drive_facts() if drive.ignores_timeout]
+        ignoring = [node for node in nodes if ignores_operator_timeout(arm.access, node)]
         assert ignoring == [4] * (option == 0)
 
 

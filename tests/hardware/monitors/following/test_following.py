@@ -11,7 +11,6 @@ from hardware.monitors.following import (
     MIN_BRAKING_SYNCS,
     Divergence,
     FollowingMonitor,
-    StandstillMonitor,
 )
 from tests.oracles.samples import sample
 
@@ -47,7 +46,7 @@ def brake(
         sample((STOPPED, status), (7, position), sync=sync, missing=missing)
         for sync, position in enumerate(counts, FIRST_SYNC - MIN_BRAKING_SYNCS)
     )
-    monitor = StandstillMonitor([WINDOW, WINDOW])
+    monitor = FollowingMonitor([WINDOW, WINDOW])
     targets = Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 9000, mode)
     return [first(monitor.update(each, targets)) for each in samples]
 
@@ -63,9 +62,7 @@ def stand(
 
 
 BOTH = pytest.mark.parametrize("run", [follow, stand])
-BOTH_MONITORS = pytest.mark.parametrize(
-    ("monitor", "status"), [(FollowingMonitor, FOLLOWS), (StandstillMonitor, STOPPED)]
-)
+ENABLED_OR_STOPPED = pytest.mark.parametrize("status", [FOLLOWS, STOPPED])
 
 
 @BOTH
@@ -91,7 +88,7 @@ def test_edge_of_window_and_short_excursions_are_no_divergence(run):
     ("run", "options"),
     [
         *((follow, {"status": status}) for status in (NO_FOLLOWING_BIT, STOPPED, FAULT)),
-        *((stand, {"status": status}) for status in (FOLLOWS, OFF, FAULT)),
+        *((stand, {"status": status}) for status in (NO_FOLLOWING_BIT, OFF, FAULT)),
         *((run, {"mode": CST}) for run in (follow, stand)),
         *((run, {"missing": (2,)}) for run in (follow, stand)),
     ],
@@ -100,24 +97,24 @@ def test_joint_is_checked_only_in_position_mode_with_the_right_status(run, optio
     assert set(run(*[50 * WINDOW] * 40, **options)) == {None}
 
 
-@BOTH_MONITORS
-def test_every_diverged_joint_is_reported(monitor, status):
-    checked = monitor([WINDOW, WINDOW])
+@ENABLED_OR_STOPPED
+def test_every_diverged_joint_is_reported(status):
+    monitor = FollowingMonitor([WINDOW, WINDOW])
     for errors, joints in (
         ((0, 0), set()),
         ((5 * WINDOW, 0), {1}),
         ((5 * WINDOW, 5 * WINDOW), {1, 2}),
     ):
         for sync in range(MIN_BRAKING_SYNCS):
-            reported = checked.update(
+            reported = monitor.update(
                 sample((status, status), errors, sync=sync), (TO_ZERO, TO_ZERO)
             )
         assert {each.joint for each in reported} == joints
 
 
-@BOTH_MONITORS
-def test_nothing_is_checked_without_commands_or_windows(monitor, status):
-    with_windows, without_windows = monitor([WINDOW]), monitor()
+@ENABLED_OR_STOPPED
+def test_nothing_is_checked_without_commands_or_windows(status):
+    with_windows, without_windows = FollowingMonitor([WINDOW]), FollowingMonitor()
     for sync in range(MIN_BRAKING_SYNCS + 3 * DIVERGED_SYNCS):
         far = sample((status,), (9000 * (sync >= MIN_BRAKING_SYNCS),), sync=sync)
         assert with_windows.update(far, None) == ()
@@ -270,7 +267,7 @@ def test_joint_that_does_not_come_to_rest_is_reported(counts, earliest, latest):
 
 
 def test_second_stop_has_its_own_rest_position():
-    monitor = StandstillMonitor([WINDOW])
+    monitor = FollowingMonitor([WINDOW])
     answers = [*[(STOPPED, 0)] * 40, (OFF, 500), *[(STOPPED, 9000)] * 80]
     for sync, (status, counts) in enumerate(answers):
         assert monitor.update(sample((status,), (counts,), sync=sync), (TO_ZERO,)) == ()

@@ -315,7 +315,7 @@ class CountLossArm(PlantArm):
         finally:
             self._targets = targets
         counts = np.array(reading.position_counts) + self.lost_counts
-        self._reading = replace(reading, position_counts=tuple(counts.tolist()))
+        self._reading = reading._replace(position_counts=tuple(counts.tolist()))
         return self._reading
 
 

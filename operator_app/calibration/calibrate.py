@@ -50,7 +50,6 @@ from solver.diagnostics.identifiability import (
     condition_at_readings,
     identifiability,
     identifiability_of_fit,
-    well_conditioned_at_readings,
 )
 from solver.diagnostics.limits import (
     CHI2_PER_DOF_GROSS,
@@ -177,10 +176,8 @@ def prepare(
         prior=frozenset(prior) - {*free.ground_side, *free.hand_side},
     )
     # Before the fit, because along an unidentifiable direction without a prior no estimate is valid.
-    if (paper := loops.paper) is not None and (
-        by_paper or not well_conditioned_at_readings(paper, loops.q)
-    ):
-        _identifiability(prepared, paper.x)
+    if loops.paper is not None:
+        _identifiability(prepared, loops.paper.x)
     return prepared
 
 

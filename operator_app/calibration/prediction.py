@@ -1,10 +1,11 @@
 """Prediction of new poses from a calibration's own poses, with one error model for both."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from operator_app.calibration.calibrated_arm import with_estimated_place
 from operator_app.calibration.error_model import (
     averaged_at_rest,
     distinct_poses,
@@ -16,7 +17,8 @@ from operator_app.calibration.error_model import (
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.result import Solution
 from operator_app.units import SLIP_SIGMA
-from solver.arrays import FloatArray, IntArray, evenly
+from solver.arrays import BoolArray, FloatArray, IntArray, evenly
+from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet, canonical_order
 from solver.diagnostics.cross_validation import NOT_KNOWN, CommonShift, predicted_residuals
 from solver.diagnostics.limits import STATED_VARIANCE_SHARE
@@ -60,13 +62,87 @@ def shift_in_words(shift: CommonShift, *, instrument: bool) -> str:
     )
 
 
-def predict_new_poses(
-    new: Experiment, solution: Solution, made_from: PoseSet, start: Mapping[str, float]
-) -> tuple[WhitenedResiduals, Chi2Test, Mapping[str, FloatArray]] | None:
-    """Predict new poses from the poses of the calibration, `made_from`, which may include flipped poses.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointLoops:
+    """Loops of a calibration's poses and of new poses, and the parameters as calibrated.
 
-    `start`: start values (rad, m) of the parameters that the calibration lacks, e.g. another socket's coordinates, by
-    their names in the loop of the new poses.
+    `experiment`: the calibration's distinct poses, then the new poses. `later` (m,): mask of the new poses.
+    `x` (P,), `covariance` (P, P): values of the parameters, rad and m, and their covariance.
+    `unknown`: names of the parameters of uncalibrated placements. Their values fit the new poses; their standard
+    deviation is `NOT_KNOWN`.
+    """
+
+    experiment: Experiment
+    later: BoolArray
+    model: ClosureModel
+    x: FloatArray
+    covariance: FloatArray
+    unknown: tuple[str, ...]
+
+
+def joint_loops(
+    new: Experiment, solution: Solution, made_from: PoseSet, *, elsewhere: bool
+) -> JointLoops:
+    """Return the loops of the poses of the calibration, `made_from`, and of new poses; flipped poses are left out.
+
+    `elsewhere`: the new poses may be in placements that were not calibrated. Raises `ValueError` as `as_calibrated`.
+    """
+    old = _used(solution, averaged_at_rest(new.arm, made_from))
+    both = replace(new, poses=concatenated_poses(old, new.poses))
+    later = np.arange(len(both.poses)) >= len(old)
+    loop, estimate = both.loop(), solution.estimate
+    listed = {p.name for p in loop.parameters}
+    if len(both.poses.placements) > 1 and len(old.placements) == 1:
+        # With the new poses there are several placements, so that parameter names get a placement number.
+        (number,) = old.placements
+        numbered = (
+            replace(p, name=name) if (name := f"{p.name}[{number}]") in listed else p
+            for p in estimate.parameters
+        )
+        estimate = replace(estimate, parameters=tuple(numbered))
+    # Placements without any of these poses are left out.
+    absent = [p.name for p in estimate.parameters if "[" in p.name and p.name not in listed]
+    others = tuple(
+        f"[{k}]" for k in both.poses.placements if elsewhere and k not in made_from.placements
+    )
+    unknown = tuple(n for n in loop.ground_side if n in listed and n.endswith(others))
+    model, x, covariance = as_calibrated(loop, estimate.without(absent), unknown)
+    part = model.at_poses(np.flatnonzero(later))
+    return JointLoops(
+        experiment=both,
+        later=later,
+        model=model,
+        x=with_estimated_place(part, x, new.poses.q_rad, unknown),
+        covariance=covariance,
+        unknown=unknown,
+    )
+
+
+def as_calibrated(
+    loop: ClosureModel, estimate: Estimate, unknown: Collection[str] = ()
+) -> tuple[ClosureModel, FloatArray, FloatArray]:
+    """Return a loop with the parameters of `estimate` and those named `unknown`, their values, and their covariance.
+
+    All other parameters are fixed at their nominal values. Raises `ValueError` if `estimate` has a parameter that the
+    arm in this fixture does not have.
+    """
+    known = estimate.values_by_name
+    # Lengths and twists that the calibration corrected within tolerances are parameters too.
+    model = freed(loop, known)
+    model = model.without({p.name for p in model.parameters} - {*known, *unknown})
+    names = [p.name for p in model.parameters]
+    if strange := sorted(set(known) - set(names)):
+        raise ValueError(f"{strange[0]} is not a parameter of this arm in this fixture")
+    covariance = np.diag(np.where(np.isin(names, list(unknown)), NOT_KNOWN**2, 0.0))
+    columns = [names.index(name) for name in known]
+    covariance[np.ix_(columns, columns)] = estimate.covariance
+    return model, nominal_vector(model.parameters, known), covariance
+
+
+def predict_new_poses(
+    loops: JointLoops, solution: Solution
+) -> tuple[WhitenedResiduals, Chi2Test, Mapping[str, FloatArray]] | None:
+    """Predict new poses from the poses of the calibration.
 
     Returns None if no model fits both sets of poses, or else:
 
@@ -74,15 +150,8 @@ def predict_new_poses(
     - the chi2 test of the new poses, with the variances estimated in the calibration;
     - derivatives (m, E, k) of each pose's E closure equations by each possible shift: by joint number or `FIXTURE`.
     """
-    old = _used(solution, averaged_at_rest(new.arm, made_from))
-    if len(new.poses.placements) == 1:
-        # A parameter that only the new poses have belongs to one placement of several.
-        (number,) = new.poses.placements
-        start = {f"{name}[{number}]": value for name, value in start.items()}
-    both = replace(new, poses=concatenated_poses(old, new.poses))
-    later = np.arange(len(both.poses)) >= len(old)
-    model, x0, column = _model(solution.estimate, old, both, start)
-    errors = errors_as_calibrated(solution, model, both, without=start)
+    both, later, model, x0 = loops.experiment, loops.later, loops.model, loops.x
+    errors = errors_as_calibrated(solution, model, both, without=loops.unknown)
     learned = {} if solution.components is None else solution.components.variances
 
     def at_least_stated(design: Layout) -> FloatArray:
@@ -92,7 +161,7 @@ def predict_new_poses(
         fitted = fit_as_stated(
             model, both.poses, errors, x0,
             # The old poses have no information about a socket of new poses.
-            old=len(later) if start else len(old),
+            old=len(later) if loops.unknown else int((~later).sum()),
             variances=at_least_stated,
         )  # fmt: skip
         design, equations = fitted.fit.design, fitted.fit.system
@@ -105,23 +174,21 @@ def predict_new_poses(
         # The paper's estimate is not an optimum of these equations: it is tested at its own values.
         at = equations.state.x if isinstance(equations, Linearisation) else fitted.x
         flat = design.flat_index
-        covariance = _covariance(solution.estimate, [column[k] for k in flat])
-        known = (x0 - at)[flat], covariance
+        known = (x0 - at)[flat], loops.covariance[np.ix_(flat, flat)]
     residuals = predicted_residuals(fit, later, known)
-    unknown = len([p for p in model.parameters if p.name in start])
     if not np.isfinite(residuals.chi2):
         return None
     system = fit.whole.at_poses(np.flatnonzero(later))
-    used = [j for j in range(1, new.arm.joint_count + 1) if j not in model.unsensed_joints]
+    used = [j for j in range(1, both.arm.joint_count + 1) if j not in model.unsensed_joints]
     subjects = {str(j): system.B[..., [j - 1]] for j in used}
     ground = [
         k
         for k, p in enumerate(model.parameters)
-        if p.name in model.ground_side and p.name not in start
+        if p.name in model.ground_side and p.name not in loops.unknown
     ]
     if ground:
         subjects[FIXTURE] = system.A[..., ground]
-    dof = max(residuals.dof - unknown, 1)
+    dof = max(residuals.dof - len(loops.unknown), 1)
     chi2 = chi2_test(predicted_residuals(sharp, later, known).chi2, dof)
     return replace(residuals, dof=dof), chi2, subjects
 
@@ -205,36 +272,6 @@ def _used(solution: Solution, poses: PoseSet) -> PoseSet:
         order = canonical_order(poses.q_rad[distinct])
         distinct = np.sort(distinct[order[evenly(len(order), MOST)]])
     return poses.at_poses(distinct)
-
-
-def _model(
-    estimate: Estimate, old: PoseSet, both: Experiment, start: Mapping[str, float]
-) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """Return the loops of `both`, the values (P,) of their parameters, and each one's index in `estimate` or None."""
-    known = {p.name: k for k, p in enumerate(estimate.parameters)}
-    model = both.loop()
-    if len(both.poses.placements) > 1 and len(old.placements) == 1:
-        # With the new poses there are several placements, so that parameter names get a placement number.
-        numbered = {p.name for p in model.parameters}
-        (number,) = old.placements
-        known = {
-            (here if (here := f"{name}[{number}]") in numbered else name): k
-            for name, k in known.items()
-        }
-    model = freed(model, known)
-    values = dict(start) | {name: float(estimate.x[k]) for name, k in known.items()}
-    model = model.without([p.name for p in model.parameters if p.name not in values])
-    names = [p.name for p in model.parameters]
-    return model, np.array([values[n] for n in names]), [known.get(n) for n in names]
-
-
-def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
-    """Return the covariance of the parameters at indices `column` of the estimate; None means a huge variance."""
-    indices = [k for k, c in enumerate(column) if c is not None]
-    rows = [c for c in column if c is not None]
-    covariance = np.diag(np.full(len(column), NOT_KNOWN**2))
-    covariance[np.ix_(indices, indices)] = estimate.covariance[np.ix_(rows, rows)]
-    return covariance
 
 
 def concatenated_poses(old: PoseSet, new: PoseSet) -> PoseSet:

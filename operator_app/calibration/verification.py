@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from operator_app.calibration.calibrated_arm import (
 from operator_app.calibration.error_model import (
     averaged_at_rest,
     distinct_poses,
-    freed,
     noise_model,
 )
 from operator_app.calibration.experiment import Experiment, with_angles_of_unsensed
@@ -31,7 +31,12 @@ from operator_app.calibration.new_poses import (
     require_new,
     require_poses_at_a_place,
 )
-from operator_app.calibration.prediction import predict_new_poses, shift_in_words
+from operator_app.calibration.prediction import (
+    as_calibrated,
+    joint_loops,
+    predict_new_poses,
+    shift_in_words,
+)
 from operator_app.calibration.result import Solution
 from solver.arrays import FloatArray, select_poses
 from solver.chain.arm_model import ArmModel
@@ -39,7 +44,6 @@ from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.diagnostics import limits
 from solver.diagnostics.cross_validation import (
-    NOT_KNOWN,
     CommonShift,
     HeldOutPoses,
     shifted,
@@ -49,29 +53,21 @@ from solver.diagnostics.hypothesis_tests import find_outliers, leave_one_out_chi
 from solver.diagnostics.statistics import Chi2Test, chi2_probability, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.error_model import SD_OF_PEAK
-from solver.estimators.estimate import closure_at_readings
+from solver.estimators.estimate import Estimate, closure_at_readings
 from solver.estimators.implicit import NoiseModel
-from solver.loops.closure import ClosureModel, ClosureSigmas
-from solver.loops.placements import Placements
+from solver.estimators.variance_components import VarianceComponents
+from solver.loops.closure import ClosureSigmas
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Fixed:
-    """Parameters and error estimates of a calibration that is to be tested with new poses.
+class Fixed(NamedTuple):
+    """Estimate of a calibration that is to be tested with new poses.
 
-    `values`: parameter values by name, rad and m. `covariance` (P, P): their covariance, in the same order.
-    `unsensed_joints`: joints whose readings the calibration did not use.
-    `rvdt_sd_rad`: standard deviation, by joint, of an RVDT's noise and linearity deviation together, as estimated.
-    `fixture_variance`: estimated compliance variance of the fixture (6,), rad^2 and m^2; None if not estimated.
-
-    The last two are used only where they are smaller than the values from the files.
+    `unsensed_joints`: joints whose readings the calibration did not use. `components`: errors that it estimated.
     """
 
-    values: Mapping[str, float]
-    covariance: FloatArray
+    estimate: Estimate
     unsensed_joints: tuple[int, ...]
-    rvdt_sd_rad: Mapping[int, float] = field(default_factory=dict)
-    fixture_variance: FloatArray | None = None
+    components: VarianceComponents | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,36 +120,10 @@ class VerificationResult:
         return "worse than expected" + (f" ({self.why})" if self.why else "")
 
 
-def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
-    """Return the results of a calibration that its verification needs.
-
-    `placement`: return only the parameters of this placement, without its number in their names; None: all parameters.
-    """
-    estimate, components = solution.estimate, solution.components
-    names, columns = [p.name for p in estimate.parameters], np.arange(len(estimate.x))
-    if placement is not None and isinstance(solution.model, Placements):
-        part, columns = solution.model.of(placement)
-        names = [p.name for p in part.parameters]
-    # Noise and linearity deviation of an RVDT both affect a new reading.
-    rvdt_sd: dict[int, float] = {}
-    for c in () if components is None else components.components:
-        kind, _, number = c.name.partition("_")
-        if kind in ("rvdt", "curve"):
-            rvdt_sd[int(number)] = float(np.hypot(rvdt_sd.get(int(number), 0.0), c.sd))
-    return Fixed(
-        values=dict(zip(names, estimate.x[columns].tolist(), strict=True)),
-        covariance=estimate.covariance[np.ix_(columns, columns)],
-        rvdt_sd_rad=rvdt_sd,
-        fixture_variance=None if components is None else components.noise.fixture_variance,
-        unsensed_joints=solution.model.unsensed_joints,
-    )
-
-
 def predict(new: Experiment, fixed: Fixed) -> HeldOutPoses:
     """Predict new poses from fixed parameters and test them; linearity deviation, sag and compliance count as noise."""
-    model = freed(new.loop(), fixed.values)
-    x, covariance = _in_order(model, fixed)
-    return verify(model, x, covariance, new.poses.q_rad, stated_noise(new, fixed))
+    model, x, covariance = as_calibrated(new.loop(), fixed.estimate)
+    return verify(model, x, covariance, new.poses.q_rad, stated_noise(new, fixed.components))
 
 
 def verify_poses(
@@ -197,24 +167,18 @@ def _verify_distinct(
     fixture = with_calibrated_places(fixture, solution.model)
     poses, made_from = (with_angles_of_unsensed(arm, fixture, p) for p in (poses, made_from))
     calibrated = made_from.placements
-    same = len(poses.placements) == 1 and not elsewhere
-    fixed = fixed_calibration(solution, poses.placements[0] if same else None)
+    if len(poses.placements) == len(calibrated) == 1 and not elsewhere:
+        # The new poses get the number of the only calibrated placement, whatever their file states.
+        poses = replace(poses, placement=np.full(len(poses), calibrated[0]))
     if elsewhere and isinstance(fixture, Measured):
         others = tuple(k for k in poses.placements if k not in calibrated)
         poses = endpoints_at_nominal_base(arm, fixture, poses, solution, others)
-    new = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=fixed.unsensed_joints)
-    # Lengths and twists that the calibration corrected within tolerances are parameters too.
-    model = freed(new.loop(), fixed.values)
-    unknown: tuple[str, ...] = ()
-    if elsewhere:
-        fixed, unknown = _fixed_and_unknown(
-            model, fixture.model(arm).ground_side, fixed, poses, calibrated
-        )
-    x, covariance = _in_order(model, fixed)
-    x = with_estimated_place(model, x, poses.q_rad, unknown)
-    columns = [k for k, p in enumerate(model.parameters) if p.name in unknown]
-    covariance[columns, columns] = NOT_KNOWN**2
-    tested = verify(model, x, covariance, poses.q_rad, stated_noise(new, fixed))
+    unsensed = solution.model.unsensed_joints
+    new = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed)
+    loops = joint_loops(new, solution, made_from, elsewhere=elsewhere)
+    model, x, unknown = loops.model.at_poses(np.flatnonzero(loops.later)), loops.x, loops.unknown
+    noise = stated_noise(new, solution.components)
+    tested = verify(model, x, loops.covariance, poses.q_rad, noise)
     if unknown:
         # Estimating the fixture's place uses as many equations as it has unknowns.
         chi2 = tested.chi2
@@ -235,12 +199,7 @@ def _verify_distinct(
     )
     if not tested.closed.all():
         return result
-    if same and len(calibrated) == 1:
-        # The new poses get the number of the only calibrated placement, whatever their file states.
-        only = np.full(len(poses), calibrated[0])
-        new = replace(new, poses=replace(poses, placement=only))
-    start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
-    if (predicted := predict_new_poses(new, solution, made_from, start)) is None:
+    if (predicted := predict_new_poses(loops, solution)) is None:
         return result
     own = solution.adjudication.stated_chi2_per_dof if solution.accepted else None
     return _with_prediction(result, *predicted, scale=max(1.0, own or 0.0))
@@ -293,66 +252,33 @@ def _with_prediction(
     )
 
 
-def stated_noise(experiment: Experiment, fixed: Fixed | None = None) -> NoiseModel:
-    """Return the noise of new readings: as stated, or as estimated in the calibration (`fixed`) if that is smaller.
+def stated_noise(
+    experiment: Experiment, components: VarianceComponents | None = None
+) -> NoiseModel:
+    """Return the noise of new readings: as stated, or as estimated in a calibration (`components`) if smaller.
 
     A larger estimate is not used: a slip during the calibration may have caused it, and any later pose would then pass.
     """
     arm, compliance = experiment.arm, experiment.fixture.compliance
     stated = noise_model(experiment)
-    estimated = {} if fixed is None else fixed.rvdt_sd_rad
+    # Noise and linearity deviation of an RVDT both affect a new reading.
+    estimated: dict[int, float] = {}
+    for c in () if components is None else components.components:
+        kind, _, number = c.name.partition("_")
+        if kind in ("rvdt", "curve"):
+            estimated[int(number)] = estimated.get(int(number), 0.0) + c.sd**2
     variance = np.array(stated.joint_variance)
     variance += arm.backlash_rad**2 + arm.sag_rad**2 + 2.0 * arm.accuracy_rad**2
     for j, (linearity, gain) in enumerate(zip(arm.linearity_rad(), arm.gain_rad(), strict=True)):
         # At a new reading the linearity deviation is a further unknown error.
         total = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
-        least = np.maximum(variance[:, j], estimated.get(j + 1, np.inf) ** 2)
+        least = np.maximum(variance[:, j], estimated.get(j + 1, np.inf))
         variance[:, j] = np.minimum(total, least) + gain**2
     deflection_variance = np.repeat([compliance.orientation_rad**2, compliance.position_m**2], 3)
     deflection_variance = deflection_variance + stated.deflection_variance
-    if fixed is not None and fixed.fixture_variance is not None:
-        deflection_variance = np.minimum(deflection_variance, fixed.fixture_variance)
+    if components is not None and components.noise.fixture_variance is not None:
+        deflection_variance = np.minimum(deflection_variance, components.noise.fixture_variance)
     return NoiseModel(joint_variance=variance, fixture_variance=deflection_variance)
-
-
-def _fixed_and_unknown(
-    model: ClosureModel,
-    ground_side: tuple[str, ...],
-    fixed: Fixed,
-    poses: PoseSet,
-    calibrated: tuple[int, ...],
-) -> tuple[Fixed, tuple[str, ...]]:
-    """Return `fixed` with the parameter names of `model`, and the names of the unknowns of uncalibrated placements.
-
-    `ground_side`: names of the parameters of a placement. `calibrated`: numbers of the calibrated placements.
-    """
-    known, sources, unknown = list(fixed.values), dict[str, str](), list[str]()
-    for p in model.parameters:
-        base, _, number = p.name.rstrip("]").partition("[")
-        placement, source = int(number) if number else poses.placements[0], p.name
-        if base in ground_side:
-            source = f"{base}[{placement}]" if len(calibrated) > 1 else base
-        if base in ground_side and placement not in calibrated:
-            unknown.append(p.name)
-        elif source in known:
-            sources[p.name] = source
-    rows = [known.index(source) for source in sources.values()]
-    values = {name: fixed.values[source] for name, source in sources.items()}
-    covariance = fixed.covariance[np.ix_(rows, rows)]
-    return replace(fixed, values=values, covariance=covariance), tuple(unknown)
-
-
-def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:
-    """Return values and covariance in the model's order; parameters not in `fixed` are nominal with variance 0."""
-    known = list(fixed.values)
-    names = [p.name for p in model.parameters]
-    if strange := sorted(set(known) - set(names)):
-        raise ValueError(f"{strange[0]} is not a parameter of this arm in this fixture")
-    x = nominal_vector(model.parameters, fixed.values)
-    covariance = np.zeros((len(names), len(names)))
-    columns = [names.index(name) for name in known]
-    covariance[np.ix_(columns, columns)] = fixed.covariance
-    return x, covariance
 
 
 def verify_new_poses(

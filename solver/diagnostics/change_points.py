@@ -5,7 +5,7 @@ from some pose k on. The poses are in time order, so cumulative sums test every 
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -19,9 +19,6 @@ from solver.diagnostics.whitened_residuals import WhitenedResiduals
 AT_POSES = 0.4
 """False-alarm rate of a test for steps at poses only, divided by the rate of the continuous statistic; simulated for 10
 to 300 poses."""
-
-AT_ONCE = 400_000
-"""Largest number of matrix elements for suspects that are evaluated together; this limits the memory needed."""
 
 FREE = 1e-7
 """A step is detectable only if the fit leaves at least this share of the sum of squares of the step's column."""
@@ -62,64 +59,53 @@ def steps(
     if m < 2 * STEP_EDGE_POSES or not suspects:
         return ()
     level = FALSE_ALARM_PROBABILITY / sum(s.false_alarm_share for s in suspects)
-    change_points: list[ChangePoint] = []
-    for of_reading in (False, True):
+    change_points = []
+    for suspect in suspects:
+        of_reading = suspect.cause is Cause.LOST_COUNTS
         tested = low_noise if of_reading and low_noise is not None else residuals
-        of_kind = [s for s in suspects if (s.cause is Cause.LOST_COUNTS) == of_reading]
-        for width in dict.fromkeys(s.columns.shape[-1] for s in of_kind):
-            alike = [s for s in of_kind if s.columns.shape[-1] == width]
-            lot = max(1, AT_ONCE // (m * tested.U.shape[-1] * width))
-            for first in range(0, len(alike), lot):
-                change_points += _largest(tested, alike[first : first + lot], scale, level)
-    return tuple(sorted(change_points, key=lambda step: step.threshold - step.chi2))
+        change_points.append(_largest(tested, suspect, scale, level))
+    return tuple(sorted(filter(None, change_points), key=lambda step: step.threshold - step.chi2))
 
 
 def _largest(
-    residuals: WhitenedResiduals, suspects: Sequence[Candidate], scale: float, level: float
-) -> Iterator[ChangePoint]:
-    """Yield the most significant step of each suspect; all suspects have the same number d of columns.
+    residuals: WhitenedResiduals, suspect: Candidate, scale: float, level: float
+) -> ChangePoint | None:
+    """Return the most significant step of a suspect with d columns; None if no step is detectable.
 
     `scale`: ratio of actual to assumed variances. `level`: false-alarm probability if `false_alarm_share` is 1.
     """
-    m, r, K = residuals.U.shape
-    S, d = len(suspects), suspects[0].columns.shape[-1]
-    white = residuals.whiten(np.concatenate([s.columns for s in suspects], axis=-1))
+    m = len(residuals.white)
+    white = residuals.whiten(suspect.columns)
     across = np.swapaxes(white, -1, -2)
-    Gt = across.reshape(m, S, d, r)
-    s = _sums_from_each_pose((Gt @ residuals.white[:, None, :, None])[..., 0])
-    own = _sums_from_each_pose(Gt @ np.swapaxes(Gt, -1, -2))
-    inside = _sums_from_each_pose(across @ residuals.U).reshape(m, S, d, K)
+    s = _sums_from_each_pose((across @ residuals.white[..., None])[..., 0])
+    own = _sums_from_each_pose(across @ white)
+    inside = _sums_from_each_pose(across @ residuals.U)
     C = own - inside @ np.swapaxes(inside, -1, -2)
     # Scaled, so that metres and radians count equally.
     size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1).max(axis=0))
-    unit = np.where(size > 0.0, size, 1.0)
+    if not (size > 0.0).all():
+        return None
     places = slice(STEP_EDGE_POSES, m - STEP_EDGE_POSES + 1)
-    values, vectors = np.linalg.eigh(C[places] / (unit[:, :, None] * unit[:, None, :]))
+    values, vectors = np.linalg.eigh(C[places] / np.outer(size, size))
     free = values > FREE
-    along = (np.swapaxes(vectors, -1, -2) @ (s[places] / unit)[..., None])[..., 0]
+    along = (np.swapaxes(vectors, -1, -2) @ (s[places] / size)[..., None])[..., 0]
     inverse = np.where(free, 1.0 / np.where(free, values, 1.0), 0.0)
     chi2 = (along**2 * inverse).sum(-1)
-    for k, best in enumerate(np.argmax(chi2, axis=0).tolist()):
-        candidate = (best, k)
-        if not (size[k] > 0.0).all() or not free[candidate].any():
-            continue
-        dof = int(free[candidate].sum())
-        yield ChangePoint(
-            suspect=suspects[k],
-            pose=best + STEP_EDGE_POSES,
-            size=(vectors[candidate] @ (inverse[candidate] * along[candidate])) / size[k],
-            chi2=float(chi2[candidate]) / scale,
-            threshold=step_threshold(m, dof, suspects[k].false_alarm_share * level),
-        )
+    k = int(np.argmax(chi2))
+    if not free[k].any():
+        return None
+    return ChangePoint(
+        suspect=suspect,
+        pose=k + STEP_EDGE_POSES,
+        size=(vectors[k] @ (inverse[k] * along[k])) / size,
+        chi2=float(chi2[k]) / scale,
+        threshold=step_threshold(m, int(free[k].sum()), suspect.false_alarm_share * level),
+    )
 
 
 def _sums_from_each_pose(values: FloatArray) -> FloatArray:
     """Sums (m, ...) over each pose and all later poses."""
-    sums = values.copy()
-    # Pose by pose, whole rows at a time: several times as fast as `cumsum` along the first axis.
-    for k in range(len(sums) - 2, -1, -1):
-        sums[k] += sums[k + 1]
-    return sums
+    return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])
 
 
 @lru_cache(maxsize=256)

@@ -34,7 +34,7 @@ from solver.diagnostics.model_selection import (
     probabilities,
 )
 from solver.diagnostics.stated_sizes import with_estimated_motion_noise
-from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
+from solver.diagnostics.whitened_residuals import PoseNoise, WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit
 
 UNNAMED = 0.002
@@ -169,7 +169,7 @@ def _explanations(
             residuals = residuals.with_columns(cause.columns, sd)
         else:
             own = cause.columns * sd.reshape(len(cause.own), 1, -1)
-            residuals = OwnColumns(residuals, cause.own, own).as_noise()
+            residuals = PoseNoise(residuals, cause.own, own).residuals()
         outliers, tests = _residual_tests(faults, residuals, residuals)
         tests.append(HypothesisTest.of_chi2("CHI2_STATED", residuals.chi2, residuals.dof))
         if not any(test.fires for test in tests):

@@ -19,7 +19,7 @@ from solver.chain.parameters import nominal_vector
 from solver.diagnostics.fault_models import Candidate
 from solver.diagnostics.identifiability import identifiability_of_jacobian, jacobian_at_closed
 from solver.diagnostics.limits import SMALLEST_NOISE_SCALE
-from solver.diagnostics.whitened_residuals import OwnColumns, SolvedColumns, WhitenedResiduals
+from solver.diagnostics.whitened_residuals import PoseNoise, WhitenedResiduals
 from solver.errors import UnidentifiableDirection
 from solver.estimators.least_squares import column_scale, solve_damped
 from solver.estimators.paper import closure_problem
@@ -114,37 +114,35 @@ def _evidence_of_own(
 ) -> Explanation | None:
     """Compute the evidence for a fault with coefficients of its own in each of the poses `own` (p,)."""
     expected_size, (p, _, c) = candidate.expected_size, candidate.columns.shape
-    columns = OwnColumns(residuals, own, candidate.columns * expected_size.reshape(p, 1, c))
-    if not (columns.own > 0.0).any():
+    columns = candidate.columns * expected_size.reshape(p, 1, c)
+    if not (residuals.whitener[own] @ columns).any():
         return None
     sizes = SIZES[candidate.most >= SIZES]
 
+    def at(k: int) -> PoseNoise:
+        return PoseNoise(residuals, own, columns * sizes[k])
+
     @cache
-    def at(k: int) -> tuple[float, float, SolvedColumns]:
-        """Return log-likelihood, chi2 and solution for coefficients of standard deviation `sizes[k]`."""
-        solved = columns.solved(float(sizes[k]) ** 2)
-        chi2 = max(residuals.chi2 - solved.drop, 1e-12)
-        gain = -0.5 * solved.logdet + log_likelihood(chi2, residuals.dof)
-        return float(gain), chi2, solved
+    def gain(k: int) -> float:
+        noise = at(k)
+        return -0.5 * noise.logdet + float(log_likelihood(max(noise.chi2, 1e-12), residuals.dof))
 
-    def best_of(grid: range) -> int:
-        return max(grid, key=lambda k: at(k)[0])
-
-    about = best_of(range(0, len(sizes), STRIDE))
-    best = best_of(range(max(about - STRIDE + 1, 0), min(about + STRIDE, len(sizes))))
-    gain, chi2, solution = at(best)
-    if not np.isfinite(gain):
+    about = max(range(0, len(sizes), STRIDE), key=gain)
+    nearby = range(max(about - STRIDE + 1, 0), min(about + STRIDE, len(sizes)))
+    best = max(nearby, key=gain)
+    if not np.isfinite(gain(best)):
         return None
-    b, variance = columns.coefficients(solution)
+    noise, size = at(best), float(sizes[best])
+    b, variance = noise.coefficients()
     return Explanation(
         candidate=candidate,
-        log_likelihood=gain,
-        chi2=chi2,
+        log_likelihood=gain(best),
+        chi2=max(noise.chi2, 1e-12),
         dof=max(residuals.dof, 1),
-        size=float(sizes[best]),
-        b=expected_size * b,
-        covariance=expected_size**2 * variance,
-        moved=columns.moved(solution),
+        size=size,
+        b=size * expected_size * b,
+        covariance=(size * expected_size) ** 2 * variance,
+        moved=noise.moved,
     )
 
 

@@ -9,8 +9,8 @@ column holds the derivatives of the misclosures with respect to one unknown. In 
 projector P = I - U U' removes everything that dx and b explain; U holds the fitted columns. Further columns G have the
 score s = G'Pw with covariance C = G'PG. If they are fitted, chi2 falls by s'C^-1 s (Rao 1948): no refit is needed.
 
-Columns of single poses (`OwnColumns`) make T = G'G block diagonal. With W = G'U, C is T - W W'. By the matrix inversion
-lemma, a solution with C then takes only one matrix as large as U'U, whatever the number of poses.
+Columns of single poses, with coefficients ~ N(0, I), are further noise of these poses (`PoseNoise`). They change the
+whitening of each pose alone, so one matrix as large as U'U is inverted, whatever the number of poses.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
+from solver.estimators.linear_fit import inverse_root
 
 FREE = 1e-9
 """A direction counts as already fitted if the fit leaves less than this share of its sum of squares."""
@@ -112,105 +113,55 @@ class WhitenedResiduals:
         )
 
 
-ROUNDING = 1e-13
-"""Smallest eigenvalue of ``I - W' W`` (see `OwnColumns.solved`) that is distinguishable from zero."""
+class PoseNoise:
+    """Further noise of single poses: each of p poses has c columns whose coefficients b are ~ N(0, I).
 
-
-class OwnColumns:
-    """Further columns that concern single poses: each of p poses has c columns, with zeros in all other poses.
-
-    The c whitened columns of each pose are rotated so that they are orthogonal to each other.
-
-    `poses` (p,): indices of the poses.
-    `white` (p, r, c): whitened columns before the rotation, for r equations of each pose.
-    `rotation` (p, c, c): maps coefficients of the rotated columns to coefficients of `white`.
-    `own` (p * c,): sum of squares of each rotated column. `score` (p * c,): its scalar product with the residuals.
-    `overlap` (p * c, K): scalar products of the rotated columns with the K columns that are already fitted.
+    `poses` (p,): indices of the poses. `columns` (p, r, c): their columns, for r equations of each pose.
+    `chi2`: chi2 of the residuals with this noise. `logdet`: ``log det (I + C)``, with C the covariance of the score.
+    `moved` (P,): change of the parameters due to this noise, rad and m.
     """
 
     def __init__(self, residuals: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> None:
-        self.residuals, self.poses = residuals, poses
-        self.white = residuals.whitener[poses] @ columns
-        own, self.rotation = np.linalg.eigh(np.swapaxes(self.white, -1, -2) @ self.white)
-        turned = np.swapaxes(self.white @ self.rotation, -1, -2)
-        self.own = np.maximum(own, 0.0).reshape(-1)
-        self.score = (turned @ residuals.white[poses][..., None]).reshape(-1)
-        self.overlap = (turned @ residuals.U[poses]).reshape(own.size, -1)
+        self._residuals, self._poses = residuals, poses
+        self._W = residuals.whitener[poses] @ columns
+        Wt = np.swapaxes(self._W, -1, -2)
+        L = np.linalg.cholesky(np.eye(columns.shape[-1]) + Wt @ self._W)
+        # With F = W L'^-1, the inverse of a pose's covariance I + W W' is I - F F'.
+        self._L_inverse = np.linalg.inv(L)
+        Ft = self._L_inverse @ Wt
+        self._FtU = (Ft @ residuals.U[poses]).reshape(-1, residuals.U.shape[-1])
+        score = (Ft @ residuals.white[poses][..., None]).reshape(-1)
+        # U'U = I becomes I - (F'U)'(F'U).
+        square = np.eye(self._FtU.shape[1]) - self._FtU.T @ self._FtU
+        self._half, logdet = inverse_root(square)
+        self._shift = self._half @ (self._half.T @ (self._FtU.T @ score))
+        self._b = score + self._FtU @ self._shift
+        self.chi2 = residuals.chi2 - float(score @ self._b)
+        self.logdet = logdet + 2.0 * float(np.log(np.diagonal(L, axis1=-2, axis2=-1)).sum())
+        self.moved = np.asarray(residuals.to_x @ self._shift)
 
-    def solved(self, variance: float) -> SolvedColumns:
-        """Solve for the coefficients of the rotated columns, each with the prior N(0, `variance`)."""
-        from scipy.linalg import lapack
+    def coefficients(self) -> tuple[FloatArray, FloatArray]:
+        """Return the most likely b (p * c,), the c coefficients of one pose after those of another, and variances."""
+        back = np.swapaxes(self._L_inverse, -1, -2)
+        p, c, _ = back.shape
+        b = back @ self._b.reshape(p, c, 1)
+        spread = back @ (self._FtU @ self._half).reshape(p, c, -1)
+        return b.reshape(-1), ((back**2).sum(-1) + (spread**2).sum(-1)).reshape(-1)
 
-        total = 1.0 / variance + self.own
-        root = np.sqrt(total)
-        inside, score = self.overlap / root[:, None], self.score / root
-        determined = np.eye(inside.shape[1]) - inside.T @ inside
-        factor, failed = lapack.dpotrf(determined, lower=True)
-        if failed:
-            values, vectors = np.linalg.eigh(determined)
-            factor = np.linalg.cholesky((vectors * np.maximum(values, ROUNDING)) @ vectors.T)
-        back, _ = lapack.dtrtri(factor, lower=True)
-        back = np.tril(back)
-        b = (score + inside @ (back.T @ (back @ (inside.T @ score)))) / root
-        return SolvedColumns(
-            b=b,
-            drop=float(self.score @ b),
-            logdet=float(np.log(variance * total).sum())
-            - 2.0 * float(np.log(np.diagonal(back)).sum()),
-            total=total,
-            back=back,
-        )
-
-    def coefficients(self, solved: SolvedColumns) -> tuple[FloatArray, FloatArray]:
-        """Return the coefficients (p * c,) of the unrotated columns `white`, and the variances of the coefficients."""
-        p, _, c = self.white.shape
-        spread = self.overlap / solved.total[:, None] @ solved.back.T
-        spread = self.rotation @ spread.reshape(p, c, -1)
-        variance = (spread**2).sum(-1) + (self.rotation**2 / solved.total.reshape(p, 1, c)).sum(-1)
-        b = (self.rotation @ solved.b.reshape(p, c, 1)).reshape(-1)
-        return b, variance.reshape(-1)
-
-    def moved(self, solved: SolvedColumns) -> FloatArray:
-        """Return the change of the parameters (P,) when the columns are fitted with the coefficients `solved`."""
-        return np.asarray(self.residuals.to_x @ (self.overlap.T @ solved.b))
-
-    def as_noise(self) -> WhitenedResiduals:
-        """Return the residuals for a model with the columns as further noise of `poses`; coefficients are ~ N(0, 1)."""
-        residuals, solved = self.residuals, self.solved(1.0)
-        b = (self.rotation @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
-        white = residuals.white + residuals.U @ (self.overlap.T @ solved.b)
-        white[self.poses] -= (self.white @ b[..., None])[..., 0]
-        noise = np.linalg.cholesky(
-            np.eye(self.white.shape[1]) + self.white @ np.swapaxes(self.white, -1, -2)
-        )
-        noise_whitener = np.linalg.inv(noise)
-        white[self.poses] = (np.swapaxes(noise, -1, -2) @ white[self.poses][..., None])[..., 0]
-        whitener, U = residuals.whitener.copy(), residuals.U.copy()
-        whitener[self.poses] = noise_whitener @ whitener[self.poses]
-        U[self.poses] = noise_whitener @ U[self.poses]
-        return WhitenedResiduals(
+    def residuals(self) -> WhitenedResiduals:
+        """Return the residuals, whitened with this noise; the columns that are fitted stay the same."""
+        past, own = self._residuals, self._poses
+        covariance = np.eye(self._W.shape[1]) + self._W @ np.swapaxes(self._W, -1, -2)
+        own_whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+        whitener, U, white = past.whitener.copy(), past.U.copy(), past.white + past.U @ self._shift
+        for array in (whitener, U):
+            array[own] = own_whitener @ array[own]
+        white[own] = (own_whitener @ white[own][..., None])[..., 0]
+        return replace(
+            past,
             whitener=whitener,
-            U=U @ solved.back.T,
+            U=U @ self._half,
             white=white,
-            chi2=residuals.chi2 - solved.drop,
-            to_x=residuals.to_x @ solved.back.T,
-            dof=residuals.dof,
+            chi2=self.chi2,
+            to_x=past.to_x @ self._half,
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SolvedColumns:
-    """Coefficients of the rotated columns of an `OwnColumns`, each fitted with the prior N(0, v).
-
-    `b` (p * c,): the coefficients, c for each of p poses. `drop`: reduction of chi2 by the fit.
-    `logdet`: ``log det (I + v C)``, with C the covariance of the score (see the module).
-    `total` (p * c,): information on each coefficient, from the prior and from the pose: ``1 / v + own``.
-    `back` (K, K): triangular root, ``back' back = (I - W' D W)^-1``, with D = diag(1 / total), W = `overlap`, and K the
-    number of columns fitted before. The covariance of `b` is ``D + D W back' back W' D``.
-    """
-
-    b: FloatArray
-    drop: float
-    logdet: float
-    total: FloatArray
-    back: FloatArray

@@ -17,7 +17,7 @@ from operator_app.calibration.instrument_registration import (
     with_registered_instrument,
 )
 from operator_app.calibration.prior import Innovation, innovation
-from operator_app.calibration.verification import Fixed, fixed_calibration, predict, stated_noise
+from operator_app.calibration.verification import Fixed, predict, stated_noise
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError, GuardError
 from operator_app.session.store.state import MeasuredPose, SessionState, pose_set_of
@@ -279,7 +279,8 @@ def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | 
     """
     known = journal_calibration(state)
     if isinstance(known, StoredCalibration):
-        return fixed_calibration(known.solution)
+        solution = known.solution
+        return Fixed(solution.estimate, solution.model.unsensed_joints, solution.components)
     experiment = Experiment(
         arm=procedure.arm,
         fixture=fixture_in_place(state, procedure),
@@ -294,8 +295,4 @@ def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | 
         return None
     if not estimate.converged or not np.isfinite(estimate.covariance).all():
         return None
-    return Fixed(
-        values=estimate.values_by_name,
-        covariance=estimate.covariance,
-        unsensed_joints=experiment.unsensed,
-    )
+    return Fixed(estimate, experiment.unsensed)

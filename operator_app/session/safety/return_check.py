@@ -89,7 +89,7 @@ def _repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
     fixed = resume_checks.parameters_from_poses(state, procedure)
-    values = {} if fixed is None else fixed.values
+    values = {} if fixed is None else fixed.estimate.values_by_name
     x = nominal_vector(model.parameters, values)
     return compare_readings(arm, model, x, state.rereads[-1], fixture.compliance)
 

@@ -13,7 +13,7 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.new_poses import NoTestError, require_new
 from operator_app.calibration.prediction import FIXTURE, concatenated_poses
 from operator_app.calibration.verification import (
-    fixed_calibration,
+    Fixed,
     predict,
     verify_new_poses,
     verify_poses,
@@ -138,7 +138,7 @@ def slipped_session(poses, shift_m):
 
 
 def test_fixture_slip_fails_verification_whatever_noise_was_estimated(sound):
-    fixed = fixed_calibration(sound)
+    fixed = Fixed(sound.estimate, sound.model.unsensed_joints, sound.components)
 
     def misfit(poses, fixed=fixed):
         """chi2/dof relative to its usual maximum."""
@@ -148,8 +148,10 @@ def test_fixture_slip_fails_verification_whatever_noise_was_estimated(sound):
     assert misfit(poses_of(session(SEED, walk=1, poses=12))) < 1.0
     moved = poses_of(slipped_session(12, (4e-3, 2e-3, 2e-3)))
     assert misfit(moved) > 1.0
-    noisy = replace(fixed, fixture_variance=np.full(6, 1e-2), rvdt_sd_rad={6: 1.0, 7: 1.0})
-    assert misfit(moved, noisy) > 1.0
+    noise = replace(sound.components.noise, fixture_variance=np.full(6, 1e-2))
+    rvdts = tuple(replace(c, sd=1.0) for c in sound.components.components)
+    noisy = replace(sound.components, noise=noise, components=rvdts)
+    assert misfit(moved, fixed._replace(components=noisy)) > 1.0
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from solver.diagnostics.fault_models import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import find_outliers
 from solver.diagnostics.model_selection import evidence, log_likelihood, noise_scale, probabilities
-from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
+from solver.diagnostics.whitened_residuals import PoseNoise, WhitenedResiduals
 from tests.oracles.fit_residuals import fit_residuals
 
 POSES, ROWS, UNKNOWNS = 30, 4, 6
@@ -239,7 +239,7 @@ def test_random_columns_count_as_noise_of_their_poses(left):
     own, other = np.array([3, 20, 31]), rng.normal(size=(MORE_POSES, ROWS, 2))
     blocks = 5.0 * pose_columns(left, own)
     there = left.with_columns(written_out(MORE_POSES, own, blocks), np.ones(len(own) * ROWS))
-    here = OwnColumns(left, own, blocks).as_noise()
+    here = PoseNoise(left, own, blocks).residuals()
     assert here.U.shape == left.U.shape
     assert here.chi2 == pytest.approx(there.chi2)
     np.testing.assert_allclose(covariance(here), covariance(there), rtol=1e-8, atol=1e-12)

@@ -17,9 +17,6 @@ from solver.arrays import FloatArray, IntArray
 from solver.estimators.effects import Linearisation, LinearModel, System, Whitened
 from solver.estimators.scoring import Derivatives, likelihood_derivatives
 
-SMALL = 64
-"""Number of rows below which a matrix is not divided further."""
-
 np.empty(2 << 20)
 """This array is allocated and freed once: from then on glibc keeps free blocks up to this size, instead of returning
 the matrices of every iteration to the system and having them zeroed again. Other C libraries are not affected."""
@@ -86,7 +83,7 @@ class LinearFit:
     @cached_property
     def H_inverse(self) -> FloatArray:
         """Inverse of H (width, width)."""
-        return _square(self.half)
+        return np.asarray(self.half @ self.half.T)
 
     def _distances(self) -> tuple[FloatArray, FloatArray]:
         """Return the distances' misclosures (k,), and derivatives (k, width) with respect to all coefficients."""
@@ -358,50 +355,16 @@ def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
 
     K is from Cholesky's method if possible, which is accurate even if the units of columns differ greatly.
     """
-    if (root := _triangular_root(H)) is not None:
-        return root, -2.0 * float(np.log(np.diagonal(root)).sum())
-    from scipy.linalg import rq
+    from scipy.linalg import lapack, rq
 
+    # H is symmetric, so its transpose is H in LAPACK's column order and needs no copy.
+    factor, failed = lapack.dpotrf(H.T)
+    if not failed:
+        root = np.asarray(lapack.dtrtri(factor, overwrite_c=True)[0])
+        return root, -2.0 * float(np.log(np.diagonal(root)).sum())
     # An undetermined direction gets a correspondingly large variance.
     unit = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
     values, vectors = np.linalg.eigh(H * np.outer(unit, unit))
     values = np.maximum(values, 1e-14 * values[-1])
     logdet = float(np.log(values).sum() - 2.0 * np.log(unit).sum())
     return rq(unit[:, None] * vectors / np.sqrt(values), mode="r", check_finite=False), logdet
-
-
-def _square(K: FloatArray) -> FloatArray:
-    """Return ``K K'`` for an upper triangular K, without multiplying K's lower left block, which is zero."""
-    n = len(K)
-    first, second = slice(0, n // 2), slice(n // 2, n)
-    A, B, C = K[first, first], K[first, second], K[second, second]
-    square = np.empty((n, n))
-    square[first, first], square[second, second] = A @ A.T + B @ B.T, C @ C.T
-    square[first, second] = B @ C.T
-    square[second, first] = square[first, second].T
-    return square
-
-
-def _triangular_root(H: FloatArray) -> FloatArray | None:
-    """Return the upper triangular K with ``H^-1 = K K'``; None if H is not positive definite.
-
-    With ``H = R'R``, K is the inverse of R. H is split into 2 x 2 blocks recursively, so most work is matrix products.
-    """
-    n = len(H)
-    if n <= SMALL:
-        from scipy.linalg import lapack
-
-        # H is symmetric, so its transpose is H in LAPACK's column order and needs no copy.
-        factor, failed = lapack.dpotrf(H.T)
-        return None if failed else np.asarray(lapack.dtrtri(factor, overwrite_c=True)[0])
-    first, second = slice(0, n // 2), slice(n // 2, n)
-    if (upper := _triangular_root(H[first, first])) is None:
-        return None
-    across = upper.T @ H[first, second]
-    lower = _triangular_root(H[second, second] - across.T @ across)
-    if lower is None:
-        return None
-    K = np.zeros((n, n))
-    K[first, first], K[second, second] = upper, lower
-    K[first, second] = -(upper @ (across @ lower))
-    return K

@@ -24,8 +24,8 @@ the matrices of every iteration to the system and having them zeroed again. Othe
 LEAST_PULL_INFORMATION = 1e-6
 """A pull (see `pulls`) counts only if the poses determine at least this share of the effect's prior variance."""
 
-LEAST_RESOLVED_SHARE = 1e-3
-"""Smallest diagonal element of the Cholesky factor of ``I - N N'`` (`_held_out`) for which its rank counts as full."""
+FREE = 1e-9
+"""Along eigenvectors of ``I - N N'`` (see `_held_out`) with smaller eigenvalues, other poses predict nothing."""
 
 
 class LinearFit:
@@ -267,18 +267,6 @@ class LinearFit:
             for poses in parts
         ]
 
-    def left_out_chi2(self) -> tuple[FloatArray, IntArray]:
-        """Return each pose's misfit to its prediction from all other poses: chi2 (m,) and degrees of freedom (m,)."""
-        chi2, dof = [], []
-        for part in self.parts():
-            _, P = self.leverage(part)
-            values, vectors = np.linalg.eigh(0.5 * (P + np.swapaxes(P, -1, -2)))
-            along = (np.swapaxes(vectors, -1, -2) @ self.residual(part)[..., None])[..., 0]
-            good = values > 1e-9
-            chi2.append((along**2 / np.where(good, values, np.inf)).sum(-1))
-            dof.append(good.sum(-1))
-        return np.concatenate(chi2), np.concatenate(dof)
-
     def without_each(self) -> FloatArray:
         """Return the changes (m, P) of the parameters if each pose in turn is left out and the variances stay the same.
 
@@ -322,32 +310,13 @@ def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
     """Return chi2 of R held-out equations, and its degrees of freedom.
 
     `N` (R, width): the rows of `orthonormal` for these equations. `residual` (R,): their residuals r.
-    With V = I - N N', chi2 is ``r' V^-1 r``. The degrees of freedom are the rank of V. If V is singular, its
-    pseudo-inverse is used. The smaller of N N' and N'N is decomposed; both have the same nonzero eigenvalues.
+    With V = I - N N', chi2 is ``r' V^-1 r = r'r + r'N (I - N'N)^-1 N'r``. The degrees of freedom are the rank of V. A
+    singular V has its pseudo-inverse instead.
     """
-    few = len(N) <= N.shape[1]
-    if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, residual)) is not None:
-        return chi2, len(N)
-    share, vectors = np.linalg.eigh(N @ N.T if few else N.T @ N)
-    share = np.clip(share, 0.0, 1.0)
-    along = vectors.T @ (residual if few else N.T @ residual)
-    if not few:
-        along = along / np.sqrt(np.maximum(share, 1e-300))
-    determined = share < 1.0 - 1e-9
-    more = np.where(determined, 1.0 / np.where(determined, 1.0 - share, 1.0), 0.0) - 1.0
-    more = np.where(share > 1e-12, more, 0.0)
-    return float(residual @ residual + more @ along**2), len(N) - int((~determined).sum())
-
-
-def _square_in(V: FloatArray, w: FloatArray) -> float | None:
-    """Return ``w' V^-1 w``; None if V may be singular."""
-    from scipy.linalg import lapack
-
-    factor, failed = lapack.dpotrf(V, lower=True)
-    if failed or float(np.diagonal(factor).min()) < LEAST_RESOLVED_SHARE:
-        return None
-    z, _ = lapack.dtrtrs(factor, w, lower=True)
-    return float(z @ z)
+    values, vectors = np.linalg.eigh(np.eye(N.shape[1]) - N.T @ N)
+    free = values > FREE
+    along = (residual @ N @ vectors)[free]
+    return float(residual @ residual + (along**2 / values[free]).sum()), len(N) - int((~free).sum())
 
 
 def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:

@@ -45,6 +45,7 @@ from solver.arrays import FloatArray, IntArray, evenly
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
+from solver.diagnostics.hypothesis_tests import leave_one_out_chi2
 from solver.diagnostics.identifiability import (
     Identifiability,
     condition_at_readings,
@@ -386,7 +387,9 @@ def _outliers(
         if cause.kind is FindingKind.OUTLIERS and cause.blocking:
             labels = pose_labels(poses)
             return tuple(poses.label[labels.index(n)] for n in cause.poses if n in labels)
-    chi2, dof = calibrated.linear.left_out_chi2()
+    fit = calibrated.linear
+    each = (leave_one_out_chi2(fit.orthonormal(part), fit.residual(part)) for part in fit.parts())
+    chi2, dof = (np.concatenate(values) for values in zip(*each, strict=True))
     chances = chi2_probability(np.maximum(dof, 1), chi2)
     limit = OUTLIER_NOTICE_PROBABILITY / len(chances)
     named = (k for k in np.argsort(chances) if chances[k] < limit)

@@ -228,7 +228,7 @@ def _with_prediction(
     if shift is not None:
         residuals = residuals.with_columns(subjects[shift.subject])
         outliers = find_outliers(residuals, scale=scale)
-    chi2, dof = leave_one_out_chi2(residuals)
+    chi2, dof = leave_one_out_chi2(residuals.U, residuals.white)
     # If the only pose is an outlier, nothing is left to test.
     others = chi2_test(outliers.rest.chi2, outliers.rest.dof) if outliers.rest.dof > 0 else None
     return replace(

@@ -18,6 +18,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt, SensorCurve, encoder_waves
 from solver.diagnostics.limits import CERTAIN_SIGMAS, FROZEN_POSES, OTHERS_MOVED_RAD
 from solver.estimators.linear_fit import LinearFit
+from solver.estimators.shapes import pose_process
 
 
 class Cause(Enum):
@@ -54,6 +55,9 @@ class PeakDeviation(NamedTuple):
         """Whether `peak` certainly exceeds `stated`: by more than `CERTAIN_SIGMAS` standard deviations."""
         return self.peak - CERTAIN_SIGMAS * self.sd > stated
 
+
+SAG_COLUMNS = 8
+"""Number of smooth functions of the pose that describe the faulty sag of a joint."""
 
 LENGTHS_SHARE = 0.1
 """False-alarm probability of the step test of a length, relative to that of other suspects. It is small because a metal
@@ -304,6 +308,7 @@ class FaultModels:
         return replace(candidate, most_stated=stated, measured=measured, lines=lines)
 
     def _smooth(self) -> Iterator[Candidate]:
+        sag = self._in_time(pose_process(self.design.q, SAG_COLUMNS).phi)
         for j in self.sensed:
             joint, turn = self.arm.joints[j - 1], self.readings[:, j - 1]
             if (curve := self.linearity_curve(j)) is not None:
@@ -312,8 +317,8 @@ class FaultModels:
                 waves = encoder_waves(turn)
                 least = 2.0 * joint.sensor.accuracy_rad
                 yield self._along(Cause.TURN_ERROR, j, waves, most=30.0, least=least)
-            if (phi := self._in_time(self.design.sag_basis.phi)).size:
-                yield self._along(Cause.SAG, j, phi, most=30.0, least=2.0 * joint.sag_rad)
+            if self.design.sag.any():
+                yield self._along(Cause.SAG, j, sag, most=30.0, least=2.0 * joint.sag_rad)
 
     def _entries(self) -> Iterator[Candidate]:
         design = self.design

@@ -202,7 +202,7 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     first: HypothesisTest | None = None
     rest = residuals
     while True:
-        chi2, dof = leave_one_out_chi2(rest)
+        chi2, dof = leave_one_out_chi2(rest.U, rest.white)
         limit = chi2_limit(np.maximum(dof, 1), FALSE_ALARM_PROBABILITY / m)
         chi2 = chi2 / scale
         excess = np.where(is_kept & (dof > 0), chi2 - limit, -np.inf)
@@ -221,12 +221,14 @@ def find_outliers(residuals: WhitenedResiduals, *, scale: float = 1.0) -> Outlie
     return Outliers(test=first, poses=poses, rest=rest)
 
 
-def leave_one_out_chi2(residuals: WhitenedResiduals) -> tuple[FloatArray, FloatArray]:
-    """Return chi2 (m,) of each pose against its prediction from all others, and the degrees of freedom (m,) of chi2."""
-    r = residuals.U.shape[1]
-    H = np.eye(r) - residuals.U @ np.swapaxes(residuals.U, -1, -2)
+def leave_one_out_chi2(U: FloatArray, white: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return chi2 (m,) of each pose against its prediction from all others, and the degrees of freedom (m,) of chi2.
+
+    `U` (m, r, K), `white` (m, r): see `WhitenedResiduals`.
+    """
+    H = np.eye(U.shape[1]) - U @ np.swapaxes(U, -1, -2)
     values, vectors = np.linalg.eigh(H)
     free = values > FREE
-    along = (np.swapaxes(vectors, -1, -2) @ residuals.white[..., None])[..., 0]
+    along = (np.swapaxes(vectors, -1, -2) @ white[..., None])[..., 0]
     chi2 = np.where(free, along**2 / np.where(free, values, 1.0), 0.0)
     return np.asarray(chi2.sum(-1)), np.asarray(free.sum(-1))

@@ -56,7 +56,7 @@ class ErrorModel:
     `prior`: standard deviation, by name, of each identified parameter whose uncertainty a file states.
     `distances`: measured distances between points of the loop.
     `discrepancy`: whether the fit also estimates a misfit of unknown source, as a smooth function of the pose.
-    `loads`: effects of gravity if masses are stated; if None, sag and deflection are smooth functions of the pose.
+    `loads`: effects of gravity; None without poses. Then joints do not sag, and the side of their play is unknown.
     `approach` (m, n): direction in which each joint approached the pose, 1 or -1; 0 if unknown.
     `signed`: whether joints are expected to sag in the direction of gravity; otherwise either side is equally likely.
     """

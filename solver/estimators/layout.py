@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache, partial
 from itertools import pairwise
 
 import numpy as np
@@ -68,9 +67,8 @@ LEAST_UNMODELLED = 0.1
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
 
-SAG_COLUMNS, DEFLECTION_COLUMNS = 8, 12
-"""Number of smooth functions of the pose for the twist of a joint under load, and for the fixture's deflection in one
-placement."""
+DEFLECTION_COLUMNS = 12
+"""Number of smooth functions of the pose for the fixture's deflection in one placement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -205,7 +203,9 @@ class Layout:
         self.loaded = errors.loads if deflects else None
         self.components: list[VarianceComponent] = []
         self.groups: list[Group] = []
-        self._set_smooth_functions(like)
+        self.deflection_basis: PoseBasis = (
+            self._smooth_functions() if like is None else like.deflection_basis
+        )
         self.play, self.sags = self.play_and_sag(q, errors)
         self.expected = self.play.expected + self.sags.expected
         self._lay_out(names)
@@ -229,18 +229,12 @@ class Layout:
                 row[c] = rate
         self.variance_rates = np.repeat(rates, wide, axis=0)
 
-    def _set_smooth_functions(self, like: Layout | None) -> None:
-        self.sag_basis = self.deflection_basis = _NOTHING
-        if like is not None:
-            self.sag_basis, self.deflection_basis = like.sag_basis, like.deflection_basis
-            return
-        process = cache(partial(pose_process, self.q))
-        if self.sag.any():
-            self.sag_basis = process().leading(SAG_COLUMNS)
-        if self.deflecting_rows:
-            groups = 1 if self.group is None else len(np.unique(self.group))
-            by_group = process() if groups == 1 else pose_process(self.q, group=self.group)
-            self.deflection_basis = by_group.leading(DEFLECTION_COLUMNS * groups)
+    def _smooth_functions(self) -> PoseBasis:
+        if not self.deflecting_rows:
+            return PoseBasis(phi=np.zeros((0, 0)), missed=np.zeros(0))
+        groups = 1 if self.group is None else len(np.unique(self.group))
+        group = None if groups == 1 else self.group
+        return pose_process(self.q, DEFLECTION_COLUMNS * groups, group=group)
 
     def _component(self, component: VarianceComponent) -> int:
         self.components.append(component)
@@ -349,7 +343,7 @@ class Layout:
         """Return the effects of play and of sag at readings `q` (m, n), rad, with the loads in `errors`."""
         return (
             sides_of_play(q, errors, self.backlash),
-            shapes_of_sag(q, errors, self.sag_basis, self.sag),
+            shapes_of_sag(q, errors, self.sag),
         )
 
     def _lay_out_deflection(self) -> None:
@@ -439,6 +433,3 @@ def _source(parameter: Parameter, fixture: Collection[str]) -> str:
     if parameter.name in fixture:
         return PLACEMENT
     return TWISTS if parameter.is_angle else LENGTHS
-
-
-_NOTHING = PoseBasis(phi=np.zeros((0, 0)), missed=np.zeros(0))

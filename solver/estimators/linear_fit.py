@@ -17,9 +17,6 @@ from solver.arrays import FloatArray, IntArray
 from solver.estimators.effects import Linearisation, LinearModel, System, Whitened
 from solver.estimators.scoring import Derivatives, likelihood_derivatives
 
-SMALL = 64
-"""Number of rows below which a matrix is not divided further."""
-
 np.empty(2 << 20)
 """This array is allocated and freed once: from then on glibc keeps free blocks up to this size, instead of returning
 the matrices of every iteration to the system and having them zeroed again. Other C libraries are not affected."""
@@ -27,8 +24,8 @@ the matrices of every iteration to the system and having them zeroed again. Othe
 LEAST_PULL_INFORMATION = 1e-6
 """A pull (see `pulls`) counts only if the poses determine at least this share of the effect's prior variance."""
 
-LEAST_RESOLVED_SHARE = 1e-3
-"""Smallest diagonal element of the Cholesky factor of ``I - N N'`` (`_held_out`) for which its rank counts as full."""
+FREE = 1e-9
+"""Along eigenvectors of ``I - N N'`` (see `_held_out`) with smaller eigenvalues, other poses predict nothing."""
 
 
 class LinearFit:
@@ -86,7 +83,7 @@ class LinearFit:
     @cached_property
     def H_inverse(self) -> FloatArray:
         """Inverse of H (width, width)."""
-        return _square(self.half)
+        return np.asarray(self.half @ self.half.T)
 
     def _distances(self) -> tuple[FloatArray, FloatArray]:
         """Return the distances' misclosures (k,), and derivatives (k, width) with respect to all coefficients."""
@@ -270,18 +267,6 @@ class LinearFit:
             for poses in parts
         ]
 
-    def left_out_chi2(self) -> tuple[FloatArray, IntArray]:
-        """Return each pose's misfit to its prediction from all other poses: chi2 (m,) and degrees of freedom (m,)."""
-        chi2, dof = [], []
-        for part in self.parts():
-            _, P = self.leverage(part)
-            values, vectors = np.linalg.eigh(0.5 * (P + np.swapaxes(P, -1, -2)))
-            along = (np.swapaxes(vectors, -1, -2) @ self.residual(part)[..., None])[..., 0]
-            good = values > 1e-9
-            chi2.append((along**2 / np.where(good, values, np.inf)).sum(-1))
-            dof.append(good.sum(-1))
-        return np.concatenate(chi2), np.concatenate(dof)
-
     def without_each(self) -> FloatArray:
         """Return the changes (m, P) of the parameters if each pose in turn is left out and the variances stay the same.
 
@@ -325,32 +310,13 @@ def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
     """Return chi2 of R held-out equations, and its degrees of freedom.
 
     `N` (R, width): the rows of `orthonormal` for these equations. `residual` (R,): their residuals r.
-    With V = I - N N', chi2 is ``r' V^-1 r``. The degrees of freedom are the rank of V. If V is singular, its
-    pseudo-inverse is used. The smaller of N N' and N'N is decomposed; both have the same nonzero eigenvalues.
+    With V = I - N N', chi2 is ``r' V^-1 r = r'r + r'N (I - N'N)^-1 N'r``. The degrees of freedom are the rank of V. A
+    singular V has its pseudo-inverse instead.
     """
-    few = len(N) <= N.shape[1]
-    if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, residual)) is not None:
-        return chi2, len(N)
-    share, vectors = np.linalg.eigh(N @ N.T if few else N.T @ N)
-    share = np.clip(share, 0.0, 1.0)
-    along = vectors.T @ (residual if few else N.T @ residual)
-    if not few:
-        along = along / np.sqrt(np.maximum(share, 1e-300))
-    determined = share < 1.0 - 1e-9
-    more = np.where(determined, 1.0 / np.where(determined, 1.0 - share, 1.0), 0.0) - 1.0
-    more = np.where(share > 1e-12, more, 0.0)
-    return float(residual @ residual + more @ along**2), len(N) - int((~determined).sum())
-
-
-def _square_in(V: FloatArray, w: FloatArray) -> float | None:
-    """Return ``w' V^-1 w``; None if V may be singular."""
-    from scipy.linalg import lapack
-
-    factor, failed = lapack.dpotrf(V, lower=True)
-    if failed or float(np.diagonal(factor).min()) < LEAST_RESOLVED_SHARE:
-        return None
-    z, _ = lapack.dtrtrs(factor, w, lower=True)
-    return float(z @ z)
+    values, vectors = np.linalg.eigh(np.eye(N.shape[1]) - N.T @ N)
+    free = values > FREE
+    along = (residual @ N @ vectors)[free]
+    return float(residual @ residual + (along**2 / values[free]).sum()), len(N) - int((~free).sum())
 
 
 def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
@@ -358,50 +324,16 @@ def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
 
     K is from Cholesky's method if possible, which is accurate even if the units of columns differ greatly.
     """
-    if (root := _triangular_root(H)) is not None:
-        return root, -2.0 * float(np.log(np.diagonal(root)).sum())
-    from scipy.linalg import rq
+    from scipy.linalg import lapack, rq
 
+    # H is symmetric, so its transpose is H in LAPACK's column order and needs no copy.
+    factor, failed = lapack.dpotrf(H.T)
+    if not failed:
+        root = np.asarray(lapack.dtrtri(factor, overwrite_c=True)[0])
+        return root, -2.0 * float(np.log(np.diagonal(root)).sum())
     # An undetermined direction gets a correspondingly large variance.
     unit = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
     values, vectors = np.linalg.eigh(H * np.outer(unit, unit))
     values = np.maximum(values, 1e-14 * values[-1])
     logdet = float(np.log(values).sum() - 2.0 * np.log(unit).sum())
     return rq(unit[:, None] * vectors / np.sqrt(values), mode="r", check_finite=False), logdet
-
-
-def _square(K: FloatArray) -> FloatArray:
-    """Return ``K K'`` for an upper triangular K, without multiplying K's lower left block, which is zero."""
-    n = len(K)
-    first, second = slice(0, n // 2), slice(n // 2, n)
-    A, B, C = K[first, first], K[first, second], K[second, second]
-    square = np.empty((n, n))
-    square[first, first], square[second, second] = A @ A.T + B @ B.T, C @ C.T
-    square[first, second] = B @ C.T
-    square[second, first] = square[first, second].T
-    return square
-
-
-def _triangular_root(H: FloatArray) -> FloatArray | None:
-    """Return the upper triangular K with ``H^-1 = K K'``; None if H is not positive definite.
-
-    With ``H = R'R``, K is the inverse of R. H is split into 2 x 2 blocks recursively, so most work is matrix products.
-    """
-    n = len(H)
-    if n <= SMALL:
-        from scipy.linalg import lapack
-
-        # H is symmetric, so its transpose is H in LAPACK's column order and needs no copy.
-        factor, failed = lapack.dpotrf(H.T)
-        return None if failed else np.asarray(lapack.dtrtri(factor, overwrite_c=True)[0])
-    first, second = slice(0, n // 2), slice(n // 2, n)
-    if (upper := _triangular_root(H[first, first])) is None:
-        return None
-    across = upper.T @ H[first, second]
-    lower = _triangular_root(H[second, second] - across.T @ across)
-    if lower is None:
-        return None
-    K = np.zeros((n, n))
-    K[first, first], K[second, second] = upper, lower
-    K[first, second] = -(upper @ (across @ lower))
-    return K

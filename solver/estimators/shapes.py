@@ -1,8 +1,7 @@
 """Columns of effects, with one value per pose: errors of sensors, sides of play, sag and deflection.
 
-If masses are stated, sag and deflection follow from the load (`solver.estimators.load_effects`); otherwise they are
-smooth functions of the pose. The columns' coefficients are ~ N(0, 1). The part of a stated variance that the columns
-leave out is noise, independent from pose to pose.
+Sag follows gravity (`solver.estimators.load_effects`). The columns' coefficients are ~ N(0, 1). The part of a stated
+variance that the columns leave out is noise, independent from pose to pose.
 
 The smooth functions are a low-rank Gaussian process over joint space, with several length scales and a linear part. The
 values of the process at all poses are ``Phi b`` with b ~ N(0, I); ``Phi`` (m, k) is computed from poses far apart
@@ -46,26 +45,11 @@ class PoseBasis:
     missed: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PoseProcess:
-    """Low-rank approximation of a random process over m poses.
+def pose_process(q: FloatArray, columns: int, *, group: IntArray | None = None) -> PoseBasis:
+    """Return a smooth random function of joint angles `q` (m, n), rad; each placement in `group` (m,) has its own.
 
-    `values` (m, c): columns whose sum, with coefficients ~ N(0, 1), approximates the process. `variance` (m,): variance
-    of the process itself. `turn` (c, c): rotation; ``values @ turn`` has orthogonal columns, the largest first.
+    `columns`: number of columns. They are orthogonal, those of the largest variance.
     """
-
-    values: FloatArray
-    turn: FloatArray
-    variance: FloatArray
-
-    def leading(self, columns: int) -> PoseBasis:
-        """Return a basis of orthogonal columns, those of the largest variance. `columns`: number of columns."""
-        phi = self.values @ self.turn[:, :columns]
-        return PoseBasis(phi=phi, missed=np.maximum(self.variance - (phi**2).sum(-1), 0.0))
-
-
-def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess:
-    """Return the smooth random process at joint angles `q` (m, n), rad; each placement in `group` (m,) has its own."""
     spread = np.maximum(q.std(axis=0), 1e-9)
     moving = np.ptp(q, axis=0) > np.deg2rad(0.5)
     angle = q[:, moving]
@@ -91,8 +75,9 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
         root = vectors[:, good] / np.sqrt(values[good])
         values_at_poses = np.concatenate([kernel(cut, far) @ root for cut in pose_slices(len(q))])
         turn = np.linalg.eigh(values_at_poses.T @ values_at_poses)[1]
-    diagonal = CONSTANT + sum(WEIGHTS) + LINEAR * (linear**2).sum(-1)
-    return PoseProcess(values=values_at_poses, turn=turn[:, ::-1], variance=diagonal)
+    phi = values_at_poses @ turn[:, ::-1][:, :columns]
+    variance = CONSTANT + sum(WEIGHTS) + LINEAR * (linear**2).sum(-1)
+    return PoseBasis(phi=phi, missed=np.maximum(variance - (phi**2).sum(-1), 0.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -137,35 +122,29 @@ def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shap
     With probability p = 1 - `BY_APPROACH`, gravity determines on which side of its play the link rests. Otherwise the
     direction of approach does, but either link or drive may lead, so both sides are equally likely.
     So in units of `sd_rad`, the expected value is p times the side of the load (1 or -1), with a variance of 1 - p^2.
-    The expected value is 0 if the side of the load is unknown (no masses, or `errors.signed` is False).
+    The expected value is 0 if the side of the load is unknown (no loads, or `errors.signed` is False).
 
     `sd_rad` (n,): standard deviation of each joint's play. `q` (m, n): readings, rad.
     """
-    by_load = np.ones_like(q) if errors.loads is None else errors.loads.joints.side
-    signed = errors.signed and errors.loads is not None
-    expected = (1.0 - BY_APPROACH if signed else 0.0) * by_load
+    by_load = np.zeros_like(q) if errors.loads is None else errors.loads.joints.side
+    expected = (1.0 - BY_APPROACH if errors.signed else 0.0) * by_load
     shares, sides = [1.0], [by_load]
     if errors.approach is not None:
         shares, sides = [1.0 - BY_APPROACH, BY_APPROACH], [by_load, errors.approach]
-    if signed:
+    if errors.signed:
         shares[0] -= (1.0 - BY_APPROACH) ** 2
     columns = np.sqrt(shares) * np.stack(sides, axis=-1)
     return Shapes.of(sd_rad, columns, 1.0 - (columns**2).sum(-1) - expected**2, expected)
 
 
-def shapes_of_sag(
-    q: FloatArray, errors: ErrorModel, basis: PoseBasis, sd_rad: FloatArray
-) -> Shapes:
-    """Return the effect of every joint's twist under gravity. If no masses are stated, `basis` gives the columns.
+def shapes_of_sag(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shapes:
+    """Return the effect of every joint's twist under gravity; without loads, no joint sags.
 
     `sd_rad` (n,): standard deviation of each joint's sag. `q` (m, n): readings, rad.
     """
     nothing = np.zeros_like(q)
-    if not sd_rad.any():
-        return Shapes.of(sd_rad, nothing[..., None], nothing, nothing)
     if errors.loads is None:
-        columns = np.broadcast_to(basis.phi[:, None], (*q.shape, basis.phi.shape[1]))
-        return Shapes.of(sd_rad, columns, basis.missed[:, None], nothing)
+        return Shapes.of(np.zeros_like(sd_rad), nothing[..., None], nothing, nothing)
     loads = errors.loads.joints
     columns, expected = loads.columns, loads.expected
     if not errors.signed:

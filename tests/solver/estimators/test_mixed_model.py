@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from solver.chain.parameters import nominal_vector
+from solver.diagnostics.hypothesis_tests import leave_one_out_chi2
 from solver.estimators.effects import LinearModel, System
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.linear_fit import LinearFit
@@ -14,16 +15,17 @@ from tests.oracles.loop_oracle import Truth, paper_truth
 from tests.oracles.shop_floor import LENGTHS
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import NAMES, loop_of, paper_arm
+from tests.solver.estimators.test_load_effects import basis
 
 POSES = 12
 SOFT = (*LENGTHS[:3], "alpha_2", "alpha_3")
 TOLERANCE = {n: 2e-3 if n.startswith("alpha") else 5e-4 for n in SOFT}
 
 
-def everything_stated(truth: Truth, poses: int = POSES) -> ErrorModel:
+def everything_stated(truth: Truth, q: np.ndarray) -> ErrorModel:
     arm = paper_arm(truth)
     joints = tuple(replace(j, backlash_rad=1e-4, sag_rad=2e-4) for j in arm.joints)
-    errors = stated_errors(replace(arm, joints=joints), samples=np.full(poses, 4))
+    errors = stated_errors(replace(arm, joints=joints), samples=np.full(len(q), 4))
     return replace(
         errors,
         endpoint_variance=np.repeat([1e-8, 4e-9], 3),
@@ -32,6 +34,7 @@ def everything_stated(truth: Truth, poses: int = POSES) -> ErrorModel:
         give_m=2e-4,
         tolerance=TOLERANCE,
         discrepancy=True,
+        loads=basis(loop_of(truth), q, stated_deflection=(0.0, 0.0)),
     )
 
 
@@ -39,7 +42,8 @@ def everything_stated(truth: Truth, poses: int = POSES) -> ErrorModel:
 def design():
     truth = paper_truth()
     model = loop_of(truth, names=(*NAMES, *SOFT))
-    return LinearModel(model, Simulation(poses=POSES).readings(0), everything_stated(truth))
+    q = Simulation(poses=POSES).readings(0)
+    return LinearModel(model, q, everything_stated(truth, q))
 
 
 def system_of(design: LinearModel, w: np.ndarray) -> System:
@@ -181,7 +185,8 @@ def assert_held_out_poses_are_predicted(fit: LinearFit, dense: Dense, out: np.nd
 def test_held_out_poses_are_predicted_by_the_others(design, system):
     fit = LinearFit(design, system, variances(design))
     assert_held_out_poses_are_predicted(fit, Dense(design, system, fit.v), np.array([2, 7]))
-    single = fit.left_out_chi2()
+    (every,) = fit.parts()
+    single = leave_one_out_chi2(fit.orthonormal(every), fit.residual(every))
     alone = fit.held_out_chi2(*np.arange(POSES)[:, None])
     assert single[0] == pytest.approx([chi2 for chi2, _ in alone], rel=1e-6)
     assert np.all(single[1] == 5)
@@ -227,14 +232,14 @@ def test_information_of_effects_and_cross_terms_is_right(design, system):
 
 def test_smooth_columns_span_their_process():
     q = Simulation(poses=40).readings(0)
-    few, many = (pose_process(q).leading(columns) for columns in (10, 100))
+    few, many = (pose_process(q, columns) for columns in (10, 100))
     assert few.phi.shape == (40, 10)
     assert np.all(few.missed >= 0.0)
     assert np.allclose(many.missed, 0.0, atol=1e-6)
     assert few.missed.mean() < 0.25 * (many.phi**2).sum(-1).mean()
     # Poses of another placement say nothing of this one.
     group = np.repeat([1, 2], 20)
-    apart = pose_process(q, group=group).leading(100)
+    apart = pose_process(q, 100, group=group)
     assert np.allclose(apart.phi[:20] @ apart.phi[20:].T, 0.0, atol=1e-9)
 
 

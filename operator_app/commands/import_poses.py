@@ -12,7 +12,7 @@ from fixtures.measured import Measured
 from operator_app.calibration.experiment import EndpointMissingError
 from operator_app.calibration.prediction import concatenated_poses
 from operator_app.commands.file_arguments import poses_with_warnings
-from operator_app.commands.options import tolerance_m, unsensed_joints
+from operator_app.commands.options import unsensed_joints
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.dwells import (
     DWELL_S,
@@ -64,7 +64,7 @@ def execute(args: argparse.Namespace) -> int:
         options=importing.CalibrationOptions(
             estimator=args.estimator or "implicit",
             unsensed_joints=unsensed,
-            length_tolerance_m=tolerance_m(args),
+            length_tolerance_m=args.length_tolerance_m,
             drop_unidentifiable=args.drop_unidentifiable,
         ),
     )

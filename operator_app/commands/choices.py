@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fixtures.measured import Measured
-from operator_app.commands.options import tolerance_m
 from operator_app.config.arm_file import load_arm
 from operator_app.config.procedure import DEFAULT_PROFILE, Procedure
 from operator_app.config.profile_file import load_profile
@@ -60,19 +59,10 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
         operator = settings.operator
         if wrong:
             say(f"sarcal: {wrong}.", err=True)
-    as_typed = ("poses", "plan", "estimator", "profile", "tracker", "placements")
-    return Choices(
-        unsensed_joints=getattr(args, "unsensed", None),
-        length_tolerance_m=tolerance_m(args) if hasattr(args, "length_tolerance") else None,
-        upload=False if getattr(args, "no_upload", False) else None,
-        interface=args.interface,
-        channel=args.channel,
-        bitrate=args.bitrate,
-        scenario=args.scenario,
-        seed=args.seed,
-        operator=operator,
-        **{name: getattr(args, name, None) for name in as_typed},
-    )
+    # The destinations of these options have the names of the choices.
+    names = {field.name for field in fields(Choices)}
+    chosen = {name: value for name, value in vars(args).items() if name in names}
+    return Choices(**chosen, operator=operator)
 
 
 def require_instrument(args: argparse.Namespace, procedure: Procedure) -> None:

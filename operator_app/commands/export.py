@@ -21,7 +21,7 @@ from operator_app.session.workflow.opening import resume
 def execute(args: argparse.Namespace) -> int:
     """Write the session's calibration to a file; with ``--upload``, also upload its parameters to the controller."""
     kind = _format(args)
-    if args.upload and kind != "yaml":
+    if args.upload_now and kind != "yaml":
         raise UsageError(f"--upload: a controller takes the parameters file, not {kind}")
     to_stdout = str(args.output) == "-"
     if args.json and to_stdout:
@@ -55,7 +55,7 @@ def execute(args: argparse.Namespace) -> int:
             forced=forced,
         )
         name, data = _converted(args, what, kind)
-    elif args.upload:
+    elif args.upload_now:
         from operator_app.composition import unattended
         from operator_app.session.workflow.capture import connect
         from operator_app.session.workflow.export import export

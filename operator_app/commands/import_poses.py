@@ -12,7 +12,7 @@ from fixtures.measured import Measured
 from operator_app.calibration.experiment import EndpointMissingError
 from operator_app.calibration.prediction import concatenated_poses
 from operator_app.commands.file_arguments import poses_with_warnings
-from operator_app.commands.options import tolerance_m, unsensed_joints
+from operator_app.commands.options import unsensed_joints
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.dwells import (
     DWELL_S,
@@ -33,11 +33,10 @@ from operator_app.config.recording import (
 )
 from operator_app.config.resources import resolve
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.report.facts import facts_of
+from operator_app.report.facts import Facts, facts_of
 from operator_app.report.results.recording import recording_json, recording_text
-from operator_app.report.results.session import session_json, session_text, unidentifiable_json
-from operator_app.report.text import facts_text, unidentifiable_text
-from operator_app.safe_output import as_json, say
+from operator_app.report.results.session import result_text
+from operator_app.safe_output import say
 from operator_app.session.store.folders import POSES_NAME
 from operator_app.session.workflow import importing
 from solver.chain.poses import PoseSet
@@ -64,34 +63,27 @@ def execute(args: argparse.Namespace) -> int:
         options=importing.CalibrationOptions(
             estimator=args.estimator or "implicit",
             unsensed_joints=unsensed,
-            length_tolerance_m=tolerance_m(args),
+            length_tolerance_m=args.length_tolerance_m,
             drop_unidentifiable=args.drop_unidentifiable,
         ),
     )
-    unidentifiable = None
+    result: Facts | UnidentifiableError
     try:
         solution, checks = session.calibrate()
+        result = facts_of(solution, checks=checks, limits=session.procedure.acceptance)
     except UnidentifiableError as error:
         # The poses are kept, for report and compare.
-        unidentifiable = error
+        result = error
     except (EndpointMissingError, ReadingsOutOfRangeError) as error:
         raise UsageError(f"{', '.join(args.poses)}: {error}") from error
     folder = session.write(root=args.sessions)
     save_poses(folder / POSES_NAME, session.state.pose_set())
-    if unidentifiable is not None:
-        if args.json:
-            data = unidentifiable_json(unidentifiable, session.procedure, folder, session.state)
-            say(as_json(data | recordings))
-        else:
-            say(f"{unidentifiable_text(unidentifiable)}\n\nSession     {folder}")
+    procedure, state = session.procedure, session.state
+    say(result_text(result, procedure, folder, state, in_json=args.json, more=recordings))
+    if isinstance(result, UnidentifiableError):
+        if not args.json:
+            say(f"\nSession     {folder}")
         return ExitCode.NOT_IDENTIFIABLE
-    facts = facts_of(solution, checks=checks, limits=session.procedure.acceptance)
-    if args.json:
-        data = session_json(facts, solution.paper, folder, session.state)
-        say(as_json(data | recordings))
-    else:
-        text = session_text(folder, session.state, accepted=solution.accepted)
-        say(f"{facts_text(facts)}\n\n{text}")
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
 
 

@@ -49,6 +49,11 @@ def between(least: float, most: float, unit: str = "") -> Callable[[str], float]
     return parse
 
 
+def length_tolerance_m(text: str) -> float:
+    """Parse a standard deviation in mm and return it in m."""
+    return between(0.0, 100.0, "mm")(text) / 1e3
+
+
 def numbers(text: str) -> tuple[int, ...]:
     """Parse text such as ``6,7`` into ascending numbers of joints or placements."""
     if re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")) and "0" in re.split("[ ,]+", text):
@@ -88,8 +93,10 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "--format": {"choices": FORMATS},
     "--kind": {"choices": ("hinge", "ball")},
     "--from NAME": {"dest": "packaged"},
+    "--upload": {"dest": "upload_now"},
+    "--no-upload": {"dest": "upload", "action": "store_const", "const": False},
     "--poses N": {"type": whole(1, MOST_POSES)},
-    "--unsensed JOINTS": {"type": numbers},
+    "--unsensed JOINTS": {"type": numbers, "dest": "unsensed_joints"},
     "--placements NUMBERS": {"type": numbers},
     "--placements N": {"type": whole(1)},
     "--placement K": {"type": whole(1, 9999), "default": 1},
@@ -114,7 +121,7 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "--seconds S": {"type": between(0.0, 1e7, "s")},
     "--dwell-s S": {"type": between(0.01, 3600.0, "s")},
     "--spread-deg DEG": {"type": between(1e-4, 5.0, "deg")},
-    "--length-tolerance MM": {"type": between(0.0, 100.0, "mm")},
+    "--length-tolerance MM": {"type": length_tolerance_m, "dest": "length_tolerance_m"},
     "--tolerance-mm MM": {"type": float},
     "--tolerance-deg DEG": {"type": float},
     "--level P": {"type": between(0.0, math.nextafter(1.0, 0.0)), "default": 0.01},
@@ -142,7 +149,7 @@ def option(usage: str, description: str, **more: Any) -> Declaration:
     elif not names[-1].startswith("-"):
         more = {"type": a_name, "metavar": names.pop()} | more
     elif "choices" not in more:
-        more["action"] = "store_true"
+        more = {"action": "store_true"} | more
     return lambda parser: parser.add_argument(*names, help=description, **more)
 
 
@@ -253,11 +260,6 @@ SESSION_OR_ARM = declaration(
 # -- values ----------------------------------------------------------------------------------------
 
 
-def tolerance_m(args: argparse.Namespace) -> float | None:
-    """Return ``--length-tolerance`` in metres."""
-    return None if args.length_tolerance is None else args.length_tolerance / 1e3
-
-
 def make_folder(option: str, folder: Path) -> None:
     """Create the folder that `option` names, unless it exists; raises UsageError if it cannot be created."""
     try:
@@ -270,7 +272,7 @@ def make_folder(option: str, folder: Path) -> None:
 
 def unsensed_joints(args: argparse.Namespace, joint_count: int) -> tuple[int, ...] | None:
     """Return the joints that ``--unsensed`` lists, None without it; raises UsageError for a joint the arm lacks."""
-    joints: tuple[int, ...] | None = args.unsensed
+    joints: tuple[int, ...] | None = args.unsensed_joints
     wrong = [j for j in joints or () if j > joint_count]
     if wrong:
         raise UsageError(f"--unsensed: there is no joint {wrong[0]}; the arm has {joint_count}")

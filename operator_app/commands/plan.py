@@ -95,7 +95,9 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None,
         raise UsageError(
             "--session: a session states procedure, arm and fixture; leave those options out"
         )
-    opening = resume(args.session, Choices(unsensed_joints=args.unsensed), root=args.sessions)
+    opening = resume(
+        args.session, Choices(unsensed_joints=args.unsensed_joints), root=args.sessions
+    )
     state = opening.state
     if not state.used_poses:
         raise UsageError(

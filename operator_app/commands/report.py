@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from operator_app.commands.options import unsensed_joints
@@ -9,10 +10,9 @@ from operator_app.config.atomic import write_atomically
 from operator_app.exit_codes import ExitCode
 from operator_app.report.html.page import REPORT_NAME, report_html
 from operator_app.report.plots.figure_files import save_figures
-from operator_app.report.results.session import session_json, session_text, unidentifiable_json
+from operator_app.report.results.session import result_text
 from operator_app.report.subject import subject_of_session
-from operator_app.report.text import facts_text, unidentifiable_text
-from operator_app.safe_output import as_json, say
+from operator_app.safe_output import say
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.store.stored_calibration import session_calibration, with_checks
@@ -40,23 +40,16 @@ def execute(args: argparse.Namespace) -> int:
     subject = subject_of_session(
         folder, contents, procedure, calibration, unidentifiable=unidentifiable
     )
-    solution, facts = subject.solution, subject.facts
+    solution, result = subject.solution, unidentifiable or subject.facts
     if not (args.json or args.text or args.plots):
         _write(args, report_html(subject), folder)
-    elif unidentifiable is not None and args.json:
-        options = {"estimator": args.estimator, "unsensed_joints": unsensed}
-        say(as_json(unidentifiable_json(unidentifiable, procedure, folder, state, **options)))
-    elif unidentifiable is not None:
-        say(unidentifiable_text(unidentifiable))
-    elif args.plots:
+    elif args.plots and solution is not None:
         for file in save_figures(subject, args.plots):
             say(f"Figure      {file}")
-    elif solution is not None and facts is not None:
-        say(
-            as_json(session_json(facts, solution.paper, folder, state))
-            if args.json
-            else f"{facts_text(facts)}\n\n{session_text(folder, state, accepted=solution.accepted)}"
-        )
+    elif result is not None:
+        options = {"estimator": args.estimator, "unsensed_joints": unsensed}
+        stated = {name: value for name, value in options.items() if value is not None}
+        say(result_text(result, replace(procedure, **stated), folder, state, in_json=args.json))
     if solution is None:
         return ExitCode.NOT_IDENTIFIABLE
     return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED

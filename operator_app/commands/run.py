@@ -21,15 +21,8 @@ from operator_app.exit_codes import ExitCode
 from operator_app.headless.console import ConsoleListener
 from operator_app.planning.advice import QUICK_TRIES, advise, hint
 from operator_app.report.facts import facts_of
-from operator_app.report.results.session import (
-    capture_json,
-    capture_text,
-    session_json,
-    session_text,
-    unidentifiable_json,
-)
-from operator_app.report.text import facts_text, unidentifiable_text
-from operator_app.safe_output import as_json, say
+from operator_app.report.results.session import capture_json, capture_text, result_text
+from operator_app.safe_output import say
 from operator_app.session.safety.sensor_faults import require_no_sensor_fault
 from operator_app.session.store.solver_process import Solver, SolvingProcess, solve_here
 from operator_app.session.workflow.capture import connect, take_poses
@@ -82,11 +75,8 @@ def execute(args: argparse.Namespace) -> int:
                 folder = session.journal.path.parent  # another program may have taken the name
                 opening = replace(opening, folder=folder)
     except UnidentifiableError as error:
-        if args.json:
-            folder, state = session.journal.path.parent, session.state
-            say(as_json(unidentifiable_json(error, session.procedure, folder, state)))
-        else:
-            say(unidentifiable_text(error))
+        folder = session.journal.path.parent
+        say(result_text(error, session.procedure, folder, session.state, in_json=args.json))
         return ExitCode.NOT_IDENTIFIABLE
     except DrivesNotOffError:
         if result is not None:
@@ -111,16 +101,18 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
         limits=session.procedure.acceptance,
         captured=len(state.poses),
     )
-    parameters = solution.model.parameters
-    if args.json:
-        data = session_json(facts, solution.paper, folder, state)
-        data["capture"] = capture_json(result.capture, result.advice, parameters, state.used_poses)
-        say(as_json(data))
-        return
-    say(facts_text(facts))
-    if result.capture is not None:
-        say(f"\n{capture_text(result.capture, result.advice, parameters)}")
-    say(f"\n{session_text(folder, state, accepted=solution.accepted)}")
+    capture = result.capture, result.advice, solution.model.parameters
+    say(
+        result_text(
+            facts,
+            session.procedure,
+            folder,
+            state,
+            in_json=args.json,
+            more={"capture": capture_json(*capture, state.used_poses)},
+            capture=capture_text(*capture),
+        )
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

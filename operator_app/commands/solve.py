@@ -11,7 +11,7 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import ReadingTable, corrected_poses
 from operator_app.calibration.verification import verify_poses
 from operator_app.commands.file_arguments import poses_with_warnings
-from operator_app.commands.options import tolerance_m, unsensed_joints
+from operator_app.commands.options import unsensed_joints
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters
@@ -58,7 +58,7 @@ def execute(args: argparse.Namespace) -> int:
             unsensed_joints=unsensed,
             search=args.global_start,
             drop=args.drop_unidentifiable,
-            length_tolerance_m=tolerance_m(args),
+            length_tolerance_m=args.length_tolerance_m,
         )
     except UnidentifiableError as error:
         if args.json:

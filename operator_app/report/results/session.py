@@ -12,10 +12,18 @@ import numpy as np
 from operator_app import units
 from operator_app.config.errors import ConfigError
 from operator_app.report.table import Cell, FactTable, figures, words
-from operator_app.report.text import paragraph, table_lines, table_text
+from operator_app.report.text import (
+    facts_text,
+    paragraph,
+    table_lines,
+    table_text,
+    unidentifiable_text,
+)
+from operator_app.safe_output import as_json
 from operator_app.session.store.folders import POSES_NAME
 from operator_app.session.store.journal_format import JOURNAL_NAME
 from operator_app.units import Figure, Kind, joints_named, names, others_free, plural, quantity_of
+from solver.errors import UnidentifiableError
 
 if TYPE_CHECKING:
     from operator_app.config.procedure import Procedure
@@ -24,50 +32,49 @@ if TYPE_CHECKING:
     from operator_app.session.store.state import CapturedPose, SessionState
     from solver.chain.parameters import Parameter
     from solver.design.actions import Finished
-    from solver.errors import UnidentifiableError
-    from solver.estimators.estimate import Estimate
 
 
-def session_json(
-    facts: Facts, paper: Estimate | None, folder: Path, state: SessionState
-) -> dict[str, Any]:
-    """Return the object that `sarcal run --json` prints, without the key ``capture``."""
-    from operator_app.report.facts import estimate_json
-
-    return {
-        **facts.json,
-        "paper": None if paper is None else estimate_json(paper),
-        "session": _session_data(folder, state),
-    }
-
-
-def unidentifiable_json(
-    error: UnidentifiableError,
+def result_text(
+    result: Facts | UnidentifiableError,
     procedure: Procedure,
     folder: Path,
     state: SessionState,
     *,
-    estimator: str | None = None,
-    unsensed_joints: tuple[int, ...] | None = None,
-) -> dict[str, Any]:
-    """Return the object that `sarcal run --json` prints if the poses leave parameters undetermined.
+    in_json: bool,
+    more: Mapping[str, Any] | None = None,
+    capture: str = "",
+) -> str:
+    """Return what a command prints about a calibration, or about poses that leave parameters undetermined.
 
-    `estimator` and `unsensed_joints` replace those of the procedure, unless they are None.
+    `more`: further keys of the JSON object. `capture`: text about a planned capture.
     """
+    if in_json:
+        data = _result_data(result, procedure, state)
+        return as_json(data | {"session": _session_data(folder, state)} | dict(more or {}))
+    if isinstance(result, UnidentifiableError):
+        return unidentifiable_text(result)
+    session = session_text(folder, state, accepted=result.solution.accepted)
+    return "\n\n".join(filter(None, (facts_text(result), capture, session)))
+
+
+def _result_data(
+    result: Facts | UnidentifiableError, procedure: Procedure, state: SessionState
+) -> dict[str, Any]:
     from operator_app.calibration.experiment import Experiment
     from operator_app.report.calibration_json import unidentifiable_data
+    from operator_app.report.facts import estimate_json
 
+    if not isinstance(result, UnidentifiableError):
+        paper = result.solution.paper
+        return {**result.json, "paper": None if paper is None else estimate_json(paper)}
     experiment = Experiment(
         arm=procedure.arm,
         fixture=procedure.fixture.fixture,
         poses=state.pose_set(),
-        unsensed=procedure.unsensed_joints if unsensed_joints is None else unsensed_joints,
+        unsensed=procedure.unsensed_joints,
     )
-    return {
-        **unidentifiable_data(error, experiment, estimator=estimator or procedure.estimator),
-        "paper": None,
-        "session": _session_data(folder, state),
-    }
+    data = unidentifiable_data(result, experiment, estimator=procedure.estimator)
+    return {**data, "paper": None}
 
 
 def _session_data(folder: Path, state: SessionState) -> dict[str, Any]:
@@ -318,8 +325,13 @@ def capture_json(
     }
 
 
-def capture_text(end: Finished, advice: str, parameters: Iterable[Parameter]) -> str:
-    """Return text on how a planned capture ended, which parameters are less precise than requested, and advice."""
+def capture_text(end: Finished | None, advice: str, parameters: Iterable[Parameter]) -> str:
+    """Return text on how a planned capture ended, which parameters are less precise than requested, and advice.
+
+    Empty if `end` is None.
+    """
+    if end is None:
+        return ""
     kinds = {p.name: Kind(quantity_of(p), places=4) for p in parameters}
     rows: list[tuple[Cell, ...]] = []
     for w in end.weak:

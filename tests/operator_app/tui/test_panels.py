@@ -19,7 +19,6 @@ from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot, Ta
 from operator_app.session.ui.steps import Step
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.dialogs import Read
-from operator_app.tui.lines import Clicked
 from operator_app.tui.main_screen import Footer, MainScreen, detail
 from operator_app.tui.steps.capture import PosesPanel, ProgressPanel, QualityPanel, StillPanel
 from operator_app.tui.steps.connect import NodesPanel
@@ -332,7 +331,7 @@ async def test_clicks_on_view_and_log_do_not_end_a_motion(still):
         await d.until(lambda: d.app.step is Step.MODES, "another step")
         # Any key would end the motion: the log names none.
         assert "l shows" not in d.text("#log")
-        d.app.main.log_lines.post_message(Clicked("messages"))
+        await d.pilot.click("#log", offset=(3, 0))
         await d.until(lambda: isinstance(d.app.screen, Read), "all messages")
         assert d.runner.cancels == 0
 

@@ -47,6 +47,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "profile-file": "keys of a bus profile",
             "parameters-file": "keys of a parameters file",
             "keys": "keys of the terminal app",
+            "panels": "what each panel of the terminal app shows",
             "faults": "what can go wrong, what you see, what to do",
             "objects": "object dictionary of drive and supervisor",
         },

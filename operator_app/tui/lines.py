@@ -33,11 +33,10 @@ def app_of(part: MessagePump | Provider) -> SarcalApp:
 class Lines(Widget, can_focus=True):
     """A widget with lines of spans.
 
-    Subclasses override `_build`, which turns a snapshot into lines for the current size, and set `HELP`, the text that
-    `?` shows while the panel is focused.
+    Subclasses override `_build`, which turns a snapshot into lines for the current size. `TITLE` is the panel's heading
+    on the manual's page ``panels``, whose text `?` shows while the panel is focused.
     """
 
-    HELP = ""
     TITLE = ""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name

@@ -37,13 +37,6 @@ class VerdictPanel(Lines):
     """The verdict with its reasons."""
 
     TITLE = "Verdict"
-    HELP = (
-        "Accepted means that the limits of the procedure are met (a high condition number is only noted). Notes "
-        "are observations that do not prevent acceptance; v shows them in full. Tool: position error over the "
-        "joints' ranges, by the arm file before and by the parameters' sigmas after. sigma_pos and sigma_ori are "
-        "the closure errors at the measured joints, before (nominal) and after; rms is the usual definition, as "
-        "printed is the paper's formula."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         facts = facts_on(s)
@@ -97,10 +90,6 @@ def _hand(solution: Solution, width: int) -> list[Line]:
 
 class _ParametersPanel(TablePanel):
     TITLE = "Parameters"
-    HELP = (
-        "Every parameter: nominal, identified, change, standard deviation; at the right the result of "
-        "the paper's estimator from the same poses. Angles in deg, lengths in mm."
-    )
 
     def _table(self, s: SessionSnapshot) -> FactTable | None:
         facts = facts_on(s)
@@ -111,12 +100,6 @@ class ResultsPlot(Lines):
     """Residuals by pose, RVDT deviations, warnings and tables, a page at a time; `v` shows the next page."""
 
     TITLE = "Residuals (v: next)"
-    HELP = (
-        "v turns over: residual of each pose, the linearity deviation of each RVDT by the loops, the "
-        "warnings or notes in full, then tables: corrections by joint, possible causes, D-H, tool "
-        "position uncertainty, uncertainty budget, closure of held-out poses. The first line of an "
-        "RVDT's plot states its specification."
-    )
     page = 0
     count = 1
     words_from = 1

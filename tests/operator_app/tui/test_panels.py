@@ -270,6 +270,22 @@ async def test_result_pages_fit_a_small_terminal_with_titles(still):
         assert "Residuals" not in d.text("#results-plot")  # it is in the frame
 
 
+async def test_result_page_longer_than_the_panel_says_so_and_scrolls(still):
+    s = story()["solved"]
+    for limit in (20.0, 25.0, 30.0, 33.0):
+        s = with_condition_above(s, limit)
+    async with still(s, step=Step.RESULTS, size=(80, 24)) as d:
+        while "in full" not in d.text("#results-plot"):
+            await d.press("v")
+        first, *_, hidden = d.text("#results-plot").splitlines()[1:]
+        assert hidden.endswith(" more below (Down)")
+        await d.press(*["down"] * int(hidden.split()[0]))
+        assert d.text("#results-plot").endswith(" more above (Up)")
+        assert first not in d.text("#results-plot").splitlines()[1:2]
+        await d.press("v")
+        assert "more above" not in d.text("#results-plot"), "a page is shown from its beginning"
+
+
 def test_verification_verdict_precedes_its_figures():
     s = story()["verified"]
     rows = lines_of(RecordPanel(), s, 80, 3)

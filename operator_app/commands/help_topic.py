@@ -10,7 +10,14 @@ from typing import Any
 from operator_app.commands.options import make_folder
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.manual.pages import SECTIONS, Manual, NoSuchTopicError, files_on, made_by_code
+from operator_app.manual.pages import (
+    CONTENTS,
+    SECTIONS,
+    Manual,
+    NoSuchTopicError,
+    files_on,
+    made_by_code,
+)
 from operator_app.safe_output import say
 
 WIDEST = 100
@@ -27,7 +34,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.files is not None:
         return _write_files(pages, args.topic, args.files)
     if args.topic is None:
-        text = _contents()
+        text = CONTENTS
     elif args.topic in COMMANDS:
         text = command_section(args.topic)
     else:
@@ -72,14 +79,6 @@ def _write_files(pages: Manual, topic: str | None, folder: Path) -> int:
 def manual() -> Manual:
     """Return the manual of this program."""
     return Manual(commands_page)
-
-
-def _contents() -> str:
-    lines = ["# The manual of sarcal", "", "`sarcal help TOPIC` shows a page."]
-    for section, topics in SECTIONS.items():
-        lines += ["", f"## {section}", "", "| topic | what it is |", "|---|---|"]
-        lines += [f"| `{topic}` | {summary} |" for topic, summary in topics.items()]
-    return "\n".join([*lines, ""])
 
 
 INTRODUCTION = """\

@@ -8,61 +8,16 @@ import difflib
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.resources import files
-from types import MappingProxyType
 
-SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {
-        "Tutorial": {"tutorial": "your first calibration, on the simulated arm"},
-        "How to": {
-            "terminal-app": "work in the terminal app",
-            "own-arm": "describe your own arm, plan, rehearse",
-            "packaged-arms": "the built-in arms, and what was tried on real ones",
-            "outside-arm": "connect an arm that is not on CAN, by a package",
-            "own-hinge": "build and describe your own hinge",
-            "own-poses": "calibrate from readings that you have",
-            "recordings": "calibrate from a ROS 2 bag or a log over time",
-            "real-can": "go on a real CAN bus, in a safe order",
-            "stopped": "what to do when the arm has stopped",
-            "still-valid": "see whether a calibration still holds",
-            "planned-poses": "have the poses chosen",
-            "wrist-repair": "see which offsets moved in a repair",
-            "over-the-years": "follow an arm over the years: shifts, and when to calibrate next",
-            "exporting": "put a calibration into your own URDF, xacro or UR file",
-            "corrections": "apply the corrections of readings in your own controller",
-            "notebooks": "two notebooks, for readings of your own",
-            "scripting": "use it from a shell script or from Python",
-            "recording": "keep the frames of a bus",
-        },
-        "Reference": {
-            "commands": "every command and option",
-            "exit-codes": "exit codes of all commands",
-            "poses-file": "columns of a poses file",
-            "outside-arm-files": "files of an example package for an arm that is not on CAN",
-            "instrument-port": "how an instrument sends where the tool is",
-            "user-settings": "set your usual bus, theme and name",
-            "session-folder": "what is in a session folder",
-            "arm-file": "keys of an arm file",
-            "fixture-file": "keys of a fixture file",
-            "procedure-file": "keys of a procedure file",
-            "profile-file": "keys of a bus profile",
-            "parameters-file": "keys of a parameters file",
-            "keys": "keys of the terminal app",
-            "faults": "what can go wrong, what you see, what to do",
-            "objects": "object dictionary of drive and supervisor",
-        },
-        "Explanation": {
-            "accepted": "what ACCEPTED means, and what it does not",
-            "limits": "what a closed loop cannot tell",
-            "accuracy": "how good the results are: measured figures, with date and command",
-            "simulated": "what is simulated, and what was tried on real arms",
-            "safety": "what is checked before and while the arm moves",
-            "sign": "the sign of offsets, and the D-H convention",
-            "mounting": "which offsets survive a remounting",
-            "error-model": "what the calibration does, and which errors it models",
-            "paper": "which command does which part of the paper",
-        },
-    }
-)
+MANUAL = files("operator_app") / "manual"
+CONTENTS = (MANUAL / "contents.md").read_text(encoding="utf-8")
+"""The table of contents as Markdown: a heading for each section, below it a table of topics."""
+SECTIONS: Mapping[str, Mapping[str, str]] = {
+    section.partition("\n")[0]: dict(
+        re.findall(r"^\| `([\w-]+)` \| (.+) \|$", section, re.MULTILINE)
+    )
+    for section in CONTENTS.split("\n## ")[1:]
+}
 """Topics by section, in the order of reading, with a summary in one line."""
 
 FILE = re.compile(r"<!-- file: ([\w.-]+) -->\n```\w+\n(.*?)```", re.DOTALL)
@@ -72,8 +27,8 @@ FILES_OF = re.compile(r"<!-- files of: ([\w-]+) -->")
 """Pattern of the mark by which a page includes the files of another page."""
 
 NOTEBOOK = re.compile(r"<!-- notebook: ([\w.-]+) -->")
-NOTEBOOKS = files("operator_app") / "manual" / "notebooks"
-FOLDER = files("operator_app") / "manual" / "pages"
+NOTEBOOKS = MANUAL / "notebooks"
+FOLDER = MANUAL / "pages"
 
 
 class NoSuchTopicError(Exception):

@@ -33,7 +33,7 @@ from operator_app.report.spans import Line, line
 from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
 from operator_app.signals import ENDING, ending_signals_ignored
 from operator_app.tui.driver import Pressed, watched
-from operator_app.tui.lines import Clicked, Lines, app_of
+from operator_app.tui.lines import Lines, app_of
 from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR, STOP_WIDTH, Look, look, themes
 
 if TYPE_CHECKING:
@@ -292,11 +292,11 @@ class SarcalApp(App[str]):
             self.poll()
         return False
 
-    def on_clicked(self, event: Clicked) -> None:
-        """Perform the action of the clicked key or step, once a session is open."""
+    def action_click(self, name: str) -> None:
+        """Perform the action of a clicked span (see `Look.style`), once a session is open."""
         if self.picture is not None:
             self.main.refuse("")
-            self.interface.do_named(event.action)
+            self.interface.do_named(name)
 
     def next_theme(self) -> None:
         """Use the next theme."""

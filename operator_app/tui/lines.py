@@ -8,10 +8,8 @@ from itertools import zip_longest
 from typing import TYPE_CHECKING, cast
 
 from rich.segment import Segment
-from textual import events
 from textual.content import Content
 from textual.geometry import Region
-from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
@@ -32,26 +30,18 @@ def app_of(part: MessagePump | Provider) -> SarcalApp:
     return cast("SarcalApp", part.app)
 
 
-class Clicked(Message):
-    """Message that the operator clicked the action named `action`."""
-
-    def __init__(self, action: str) -> None:
-        super().__init__()
-        self.action = action
-
-
 class Lines(Widget, can_focus=True):
     """A widget with lines of spans.
 
-    Subclasses override `_build`, which turns a snapshot into lines for the current size, and set `HELP`, the text that
-    `?` shows while the panel is focused.
+    Subclasses override `_build`, which turns a snapshot into lines for the current size. `TITLE` is the panel's heading
+    on the manual's page ``panels``, whose text `?` shows while the panel is focused.
     """
 
-    HELP = ""
     TITLE = ""
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
         super().__init__(id=id)
+        self.auto_links = False  # a mouse over a span that can be clicked changes nothing
         self.shown: tuple[Line, ...] = ()
         """Lines on the screen."""
         self._titled = ""
@@ -115,15 +105,3 @@ class Lines(Widget, can_focus=True):
         """Build the rows for the new size."""
         if (picture := app_of(self).picture) is not None:
             self.show(picture)
-
-    def on_click(self, event: events.Click) -> None:
-        """Request the action that was clicked."""
-        if action := self._action_at(event.x, event.y):
-            self.post_message(Clicked(action))
-
-    def _action_at(self, x: int, y: int) -> str:
-        """Return the name of the action for a click at this position; "" if a click does nothing there.
-
-        Subclasses override this method instead of `on_click`, since Textual also calls `on_click` of base classes.
-        """
-        return ""

@@ -81,24 +81,17 @@ class _StepRail(Lines, can_focus=False):
         for step in Step:
             role = "dim" if missing_for(step, s) else "text"
             role = "accent" if step is app_of(self).step else role
-            rows += [
-                line((f" {self._glyph(step, s)} {int(step)} {step.title}", role)),
-                line((f"    {detail(step, s)}"[: width - 1], "dim")),
-                (),
-            ]
+            title = f" {self._glyph(step, s)} {int(step)} {step.title}"
+            for text, own in ((title, role), (f"    {detail(step, s)}", "dim"), ("", "dim")):
+                rows.append(line((f"{text[: width - 1]:<{width}}", f"{own} @step_{int(step)}")))
         return rows
 
     def _glyph(self, step: Step, s: SessionSnapshot) -> str:
         return "▶" if step is app_of(self).step else "✓" if done(step, s) else "·"
 
-    def _action_at(self, x: int, y: int) -> str:
-        number = y // 3 + 1
-        return f"step_{number}" if number <= len(Step) else ""
-
 
 class _StepRow(_StepRail, can_focus=False):
     place = (1, 1)
-    _view_at: int | None = None
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         row: list[Span] = []
@@ -106,23 +99,12 @@ class _StepRow(_StepRail, can_focus=False):
             is_current = step is app_of(self).step
             title = f"{step.title} " if is_current else ""
             text = f" {self._glyph(step, s)}{int(step)} {title}"
-            row.append((text, "accent" if is_current else "dim"))
+            row.append((text, f"{'accent' if is_current else 'dim'} @step_{int(step)}"))
         row.append((f"  {detail(app_of(self).step, s)}", "dim"))
         view, count = self.place
-        self._view_at = length(tuple(row)) if count > 1 else None
         if count > 1:
-            row += [("   v", "key"), (f" view {view}/{count}", "dim")]
+            row += [("   v", "key @view"), (f" view {view}/{count}", "dim @view")]
         return [tuple(row)]
-
-    def _action_at(self, x: int, y: int) -> str:
-        if self._view_at is not None and x >= self._view_at:
-            return "view"
-        end = 0
-        for step in Step:
-            end += 4 + (len(step.title) + 1 if step is app_of(self).step else 0)
-            if x < end:
-                return f"step_{int(step)}"
-        return ""
 
 
 SELDOM = 4
@@ -155,13 +137,8 @@ class _Hint(Lines, can_focus=False):
 class Footer(Lines, can_focus=False):
     """The keys of the step, at most six: STOP first, then the next action."""
 
-    _spots: Sequence[tuple[int, int, str]] = ()
-    """For each key: its first column, the column after its last, and the name of its action."""
-
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        self._spots = spots = list[tuple[int, int, str]]()
         row: list[Span] = [(" ", "text")]
-        at = 1
         if self.app.screen is not self.screen:
             # In a dialog the keys of the step do not apply.
             return [line((" F8", "key"), " STOP  ", ("Esc", "key"), " cancels")]
@@ -177,16 +154,11 @@ class Footer(Lines, can_focus=False):
                 label = next_action(app_of(self).step, s).label
             if not label or not action.offered(s):
                 continue
-            width_of = len(shown) + 1 + len(label)
-            if at + width_of > width:
+            if length(tuple(row)) + len(shown) + 1 + len(label) > width:
                 break
-            row += [(shown, "key"), (f" {label}", "text"), ("  ", "text")]
-            spots.append((at, at + width_of, action.name))
-            at += width_of + 2
+            clicked = f"@{action.name}"
+            row += [(shown, f"key {clicked}"), (f" {label}", f"text {clicked}"), ("  ", "text")]
         return [tuple(row)]
-
-    def _action_at(self, x: int, y: int) -> str:
-        return next((name for first, last, name in self._spots if first <= x < last), "")
 
 
 class _TooSmall(Lines, can_focus=False):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import textwrap
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -31,22 +32,16 @@ if TYPE_CHECKING:
     from operator_app.tui.app import SarcalApp
 
 
-ABOUT = {
-    Step.CONNECT: "Find the arm on its bus and check that it is the right one and has one operator.",
-    Step.FIXTURE: "Check that the fixture is mounted where its file states.",
-    Step.MODES: "Choose which joints drive the closed chain and which follow.",
-    Step.CAPTURE: "Move through the plan and read all joints at each pose while the arm stands still.",
-    Step.CALIBRATE: "Find the parameters that close every loop.",
-    Step.RESULTS: "Check the calibration before anything is changed.",
-    Step.EXPORT: "Write the parameters, upload them to the controller, verify with new poses.",
-}
+def help_text(step: Step, panel: Lines | None, page: str, width: int) -> str:
+    """Return the help for a step and for the panel in focus, if any.
 
-
-def help_text(step: Step, panel: Lines | None, width: int) -> str:
-    """Return the help for a step and for the panel in focus, if any."""
-    blocks = [textwrap.fill(ABOUT[step], width)]
-    if panel is not None and panel.HELP:
-        blocks.append(textwrap.fill(f"This panel ({panel.TITLE}): {panel.HELP}", width))
+    `page`: the manual's page ``panels`` with a heading per step and panel; the paragraph below it explains them.
+    """
+    about = dict(re.findall(r"^#+ (.+)\n\n((?:.+\n)+)", page, re.MULTILINE))
+    blocks = [textwrap.fill(about[f"{int(step)} {step.title}"], width)]
+    if panel is not None:
+        text = f"This panel ({panel.TITLE}): {about[panel.TITLE]}"
+        blocks.append(textwrap.fill(text, width))
     else:
         blocks.append("Tab focuses a panel; ? then explains that panel.")
     of_step = [
@@ -295,7 +290,8 @@ class ScreenInterface:
     def show_help(self) -> None:
         """Explain the panel in focus and list the keys."""
         panel = self.app.focused if isinstance(self.app.focused, Lines) else None
-        text = help_text(self.app.step, panel, min(86, self.app.size.width - 8))
+        page = self.app.manual.page("panels")
+        text = help_text(self.app.step, panel, page, min(86, self.app.size.width - 8))
         self.app.push_screen(Read(f"Help: {self.app.step.title}", text))
 
     def show_messages(self) -> None:

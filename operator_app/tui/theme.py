@@ -57,8 +57,10 @@ class Look:
     styles: Mapping[str, Style]
 
     def style(self, role: str) -> Style:
-        """Return the style of a role; a role may combine names, e.g. ``"warn bold"``."""
-        return Style.combine(self.styles[name] for name in role.split())
+        """Return the style of a role, which may combine names: ``"warn bold"``; ``@name``: a click does this action."""
+        names, _, action = role.partition("@")
+        click = [Style.from_meta({"@click": f"app.click('{action}')"})] if action else []
+        return Style.combine([*map(self.styles.__getitem__, names.split()), *click])
 
     def text(self, text: str) -> str:
         """Return `text` without control characters other than line breaks; if `ascii_only`, in ASCII."""

@@ -4,6 +4,7 @@ Text is escaped unless it is already markup, so that strings from operators, bus
 """
 
 import html
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -174,51 +175,13 @@ def _class(column: Column, cell: Cell = "", *, starts: bool) -> str | None:
     return " ".join(classes) or None
 
 
-COLOURS = {
-    "page": ("#ffffff", "#14171b"),
-    "panel": ("#f4f6f8", "#1d2126"),
-    "text": ("#1c2126", "#e2e6ea"),
-    "muted": ("#56606b", "#9ca6b1"),
-    "rule": ("#d5dae0", "#343a42"),
-    "accent": ("#0b5c9e", "#6fb3ee"),
-    "second": ("#a34700", "#f0a35e"),
-    "third": ("#5b5f66", "#b4bac2"),
-    "good": ("#1f6b3a", "#7ccb95"),
-    "bad": ("#a8202a", "#ff8d8a"),
-    "warn": ("#7f5200", "#e3b04b"),
-    "band": ("#dfe8f1", "#263442"),
-    "shade": ("rgb(28 33 38/.22)", "rgb(0 0 0/.75)"),
-}
-"""Colours of the light and of the dark theme, by name."""
+COLOUR_RULES, PLOT_RULES, PAGE_RULES = (
+    Path(__file__).with_name(f"{name}.css").read_text("utf-8")
+    for name in ("colours", "plot", "report")
+)
+"""Style sheets: colours of the light and of the dark theme, content of a picture, page."""
+STYLE = COLOUR_RULES + PLOT_RULES + PAGE_RULES
 LIGHT_COLOURS, DARK_COLOURS = (
-    {name: both[theme] for name, both in COLOURS.items()} for theme in (0, 1)
+    dict(re.findall(r"--(\w+):([^;]+);", theme)) for theme in COLOUR_RULES.split("@media")
 )
-
-
-def _variables(colours: dict[str, str]) -> str:
-    return "".join(f"--{name}:{value};" for name, value in colours.items())
-
-
-PLOT_RULES = """svg text{fill:var(--muted)}
-svg .axis,svg .legend{fill:var(--text)}
-.grid{stroke:var(--rule);stroke-width:.7}
-.zero{stroke:var(--muted);stroke-width:.8}
-.frame{stroke:var(--muted);stroke-width:.8}
-.band{fill:var(--band)}
-.ribbon{fill:var(--second);fill-opacity:.28}
-.line{fill:none;stroke-width:1.4}
-.line.a{stroke:var(--accent)}.line.b{stroke:var(--second)}
-.line.gap{stroke:var(--bad);stroke-width:2}
-.line.dashed{stroke:var(--muted);stroke-dasharray:4 3}
-.mark.a{fill:var(--accent)}
-.mark.b{fill:none;stroke:var(--second);stroke-width:1.2}
-.mark.c{fill:var(--second)}
-.mark.d{fill:var(--third)}
-"""
-"""Style of the content of a picture."""
-
-STYLE = (
-    f":root{{color-scheme:light dark;{_variables(LIGHT_COLOURS)}}}\n"
-    f"@media screen and (prefers-color-scheme:dark){{:root{{{_variables(DARK_COLOURS)}}}}}\n"
-    f"{PLOT_RULES}{Path(__file__).with_name('report.css').read_text('utf-8')}"
-)
+"""Colours of each theme, by name."""

@@ -20,12 +20,6 @@ ESTIMATOR_NOTES = {
 
 class _SettingsPanel(Lines):
     TITLE = "Calibration"
-    HELP = (
-        "implicit attributes the noise to the joint sensors and estimates each pose's corrections; "
-        "paper is the published unweighted least squares. The angle of an unsensed joint is computed "
-        "from the loop instead of read, for instance if its RVDT is faulty. e changes the estimator, j the "
-        "unsensed joints."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         used, captured = len(s.state.used_poses), len(s.state.poses)
@@ -61,10 +55,6 @@ def _progress(s: SessionSnapshot, width: int) -> list[Line]:
 
 class _CalibratePlot(Lines):
     TITLE = "Residual of each pose"
-    HELP = (
-        "While it runs: cost by iteration. When done: how far each pose's loop fails to close at the "
-        "measured joints, in millimetres. Check a pose that is far above the others."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         if (subject := subject_on(s)) is not None and s.solution is not None:

@@ -22,11 +22,6 @@ class StillPanel(Lines):
     """The target of the motion, and whether the arm is at standstill."""
 
     TITLE = "Next pose"
-    HELP = (
-        "The next planned pose, and whether the arm is at rest. At rest: over 20 SYNCs, or the number in "
-        "the procedure, no joint's reading spreads more than its sensor's noise explains; the joint "
-        "closest to its limit is shown. A pose is captured only at rest."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         target = wrapped_entry("Target", _target(s), width, column=11)
@@ -80,11 +75,6 @@ class PosesPanel(ListPanel):
     """All poses, newest first."""
 
     TITLE = "Captured"
-    HELP = (
-        "Poses, newest first. NOISE: largest standard deviation of a joint over the samples. PRED: "
-        "by how much the loop failed to close at this pose under the estimate from the poses before "
-        "it. u undoes the last change, x excludes the marked pose, n writes a note."
-    )
 
     def _count(self, s: SessionSnapshot) -> int:
         return len(s.state.poses)
@@ -143,12 +133,6 @@ class QualityPanel(Lines):
     """Condition number, weakest parameters, and coverage of the joint ranges."""
 
     TITLE = "What the poses determine"
-    HELP = (
-        "Scaled condition number: lower is better; the result warns above the limit; the paper reached 28. The trend "
-        "over all poses, first to present from left to right, is on a log scale up to 30 times the lowest value. "
-        "Weak: the parameters that the poses determine least. Coverage: the part of each joint's "
-        "range that the poses span. Best next: the planned pose that adds most information."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         live, names = s.live, 3 if width > 40 else 2

@@ -14,10 +14,6 @@ from operator_app.units import DATA_AGE
 
 class _BusPanel(Lines):
     TITLE = "Bus"
-    HELP = (
-        "The CAN bus of this session, which is chosen when sarcal is started: -i interface, -c channel, "
-        "-b bitrate. Without these options, the arm is simulated in this program."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         rate = f"{s.sync_rate_hz:.0f} SYNC/s" if s.connected else "not connected"
@@ -34,10 +30,6 @@ class NodesPanel(Lines):
     """The nodes on the bus."""
 
     TITLE = "Nodes"
-    HELP = (
-        "The nodes of the arm: its drives and, if it has one, its supervisor. Their identity is read from "
-        "objects 1008h and 1018h."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         if s.identity is None:
@@ -71,10 +63,6 @@ def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:
 
 class _CheckPanel(Lines):
     TITLE = "Check"
-    HELP = (
-        "The software STOP needs a working bus and a working program. The hardware stop needs "
-        "neither: press it once, see every drive switch off, release it, and confirm with t."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         rows: list[Line] = []

@@ -16,11 +16,6 @@ from solver.chain.parameters import wrap_angle
 
 class _FilePanel(Lines):
     TITLE = "Export"
-    HELP = (
-        "parameters.yaml holds every parameter with its standard deviation, the D-H table, the "
-        "quality figures and the warnings; poses.csv the poses. Upload sends the same document to "
-        "the controller and reads it back byte for byte."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         serial = s.identity.serial_number if s.identity else s.state.serial_number or "—"
@@ -47,7 +42,6 @@ class _FilePanel(Lines):
 
 class _DiffPanel(TablePanel):
     TITLE = "Difference from the controller's active parameters"
-    HELP = "Every calibrated parameter: the controller's present value, the new value, the change."
 
     def _table(self, s: SessionSnapshot) -> FactTable | None:
         return _difference_table(s)
@@ -57,10 +51,6 @@ class RecordPanel(Lines):
     """Verification and the session's files."""
 
     TITLE = "Record"
-    HELP = (
-        "y captures new poses and verifies the parameters with them. "
-        "N closes this session and starts another; o resumes an earlier one. The journal records every step."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         if s.verification is None:

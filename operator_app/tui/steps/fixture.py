@@ -30,10 +30,6 @@ class PlacementPanel(Lines):
     """The fixture's nominal placement, with tolerances."""
 
     TITLE = "Placement (nominal)"
-    HELP = (
-        "The fixture's placement as its file states it, in the paper's D-H terms, with its "
-        "tolerance. The calibration finds the true values, which must lie within the tolerance."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         spec = s.procedure.fixture
@@ -59,11 +55,6 @@ class ChecksPanel(Lines):
     """Set-up checks at the current pose, and the condition number and joint ranges that the plan predicts."""
 
     TITLE = "Checks at the present pose"
-    HELP = (
-        "Angles of the hinge axis to joints 1 and 7: below 10 deg the parameters become weak, below "
-        "1 deg they have no unique values (Hayati). Mobility: number of drive joints. Predicted: "
-        "range of each joint over the plan, and condition number."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         rows: list[Line] = []
@@ -99,9 +90,6 @@ def _ranges(s: SessionSnapshot, forecast: Forecast) -> list[Line]:
 
 class _ChecklistPanel(ListPanel):
     TITLE = "Check list (Enter ticks)"
-    HELP = (
-        "Points that only a person can check. Tick each one; nothing moves before all are ticked."
-    )
 
     _ticked: frozenset[int] = frozenset()
 

@@ -17,11 +17,6 @@ class PlanPanel(Lines):
     """The pending change of modes, and the ranking of drive joints."""
 
     TITLE = "Plan"
-    HELP = (
-        "A hinge leaves the arm two degrees of freedom, so exactly two joints drive (position mode) and "
-        "five follow (free). With one drive fewer the arm sags; with one more the drives work against "
-        "each other through the fixture. f toggles the marked joint, p takes the best ranked pair."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         marked = s.selected_joints

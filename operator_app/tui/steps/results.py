@@ -10,17 +10,16 @@ from operator_app.report.facts import Facts
 from operator_app.report.plots.calibration_plots import misses, rvdt_deviations
 from operator_app.report.quality_tables import truth_in_words
 from operator_app.report.session_tables import joint_table
-from operator_app.report.spans import Line, clip, line, wrapped
+from operator_app.report.spans import Line, clip, line, window, wrapped
 from operator_app.report.subject import Subject, facts_on, no_facts, subject_on
 from operator_app.report.table import FactTable
 from operator_app.report.text import headline_spans, table_spans
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
-from operator_app.tui.widgets.list_panel import TablePanel
+from operator_app.tui.widgets.list_panel import ListPanel, TablePanel
 from operator_app.tui.widgets.pictures import plot
 from operator_app.units import CLOSURE_LENGTH, Figure, names, plural
-from solver.diagnostics.rvdt import RvdtVerdict
 
 TABLES = ("causes", "dh", "hand", "accuracy", "budget", "halving", "closure")
 """Names of the tables shown in the panel after the plots, if the calibration has them."""
@@ -37,13 +36,6 @@ class VerdictPanel(Lines):
     """The verdict with its reasons."""
 
     TITLE = "Verdict"
-    HELP = (
-        "Accepted means that the limits of the procedure are met (a high condition number is only noted). Notes "
-        "are observations that do not prevent acceptance; v shows them in full. Tool: position error over the "
-        "joints' ranges, by the arm file before and by the parameters' sigmas after. sigma_pos and sigma_ori are "
-        "the closure errors at the measured joints, before (nominal) and after; rms is the usual definition, as "
-        "printed is the paper's formula."
-    )
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         facts = facts_on(s)
@@ -97,30 +89,21 @@ def _hand(solution: Solution, width: int) -> list[Line]:
 
 class _ParametersPanel(TablePanel):
     TITLE = "Parameters"
-    HELP = (
-        "Every parameter: nominal, identified, change, standard deviation; at the right the result of "
-        "the paper's estimator from the same poses. Angles in deg, lengths in mm."
-    )
 
     def _table(self, s: SessionSnapshot) -> FactTable | None:
         facts = facts_on(s)
         return None if facts is None else facts.tables[0]
 
 
-class ResultsPlot(Lines):
-    """Residuals by pose, RVDT deviations, warnings and tables, a page at a time; `v` shows the next page."""
+class ResultsPlot(ListPanel):
+    """Residuals by pose, RVDT deviations, warnings and tables, a page at a time; `v` shows the next page.
+
+    A page whose text or table is longer than the panel can be scrolled: `cursor` is its first visible row.
+    """
 
     TITLE = "Residuals (v: next)"
-    HELP = (
-        "v turns over: residual of each pose, the linearity deviation of each RVDT by the loops, the "
-        "warnings or notes in full, then tables: corrections by joint, possible causes, D-H, tool "
-        "position uncertainty, uncertainty budget, closure of held-out poses. The first line of an "
-        "RVDT's plot states its specification."
-    )
     page = 0
     count = 1
-    words_from = 1
-    """Index of the first page with text or a table; this page and all later pages need the whole width."""
     framed = True
     """Whether the frame shows the title; without a frame the title is the first line."""
 
@@ -128,54 +111,56 @@ class ResultsPlot(Lines):
         """Count the pages: one of residuals, one per RVDT, one of warnings, one of joints, one per further table."""
         facts = facts_on(s)
         if facts is not None:
-            self.words_from = 1 + len(facts.solution.rvdt)
             tables = sum(facts.table(ident) is not None for ident in TABLES)
-            self.count = self.words_from + 2 + tables
+            self.count = 3 + len(facts.solution.rvdt) + tables
+
+    def turn_to(self, page: int) -> None:
+        """Show a page from its beginning; the first page follows the last."""
+        self.page, self.cursor = page % self.count, 0
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         subject, facts = subject_on(s), facts_on(s)
         if subject is None or facts is None:
             return []
         room = height if self.framed else height - 1
-        title, rows = self._page(subject, facts, width, room)
+        title, head, body = self._page(subject, facts, width, room)
         self.set_title(f"{title} (v: next)")
-        return rows if self.framed or not rows else [line((f" {title}", "header")), *rows]
+        rows, shown, self.cursor = window(body, self.cursor, max(1, room - len(head)))
+        self._last = len(body) - shown
+        return [*([] if self.framed else [line((f" {title}", "header"))]), *head, *rows]
 
     def _page(
         self, subject: Subject, facts: Facts, width: int, height: int
-    ) -> tuple[str, Sequence[Line]]:
+    ) -> tuple[str, Sequence[Line], Sequence[Line]]:
+        """Return the title of the page, the rows that stay at the top, and the rows that scroll."""
         ascii_only, page = self.look.ascii_only, self.page % self.count
         solution = facts.solution
         if page == 0:
             picture = misses(subject, solution.identified)
-            return "Residuals", plot(picture, width, height, ascii_only=ascii_only)
-        if page < self.words_from:
-            verdict = solution.rvdt[page - 1]
-            rows = _of_rvdt(subject, verdict, width, height, ascii_only=ascii_only)
-            return f"RVDT of J{verdict.joint}", rows
-        if page == self.words_from:
+            return "Residuals", plot(picture, width, height, ascii_only=ascii_only), ()
+        page -= 1
+        if page < len(solution.rvdt):
+            verdict, head = solution.rvdt[page], list[Line]()
+            role = "warn" if verdict.treat_as_unsensed else "text"
+            body = wrapped(f" {verdict.text}", width, role, " ")
+            if verdict.figures is not None:
+                picture = rvdt_deviations(subject, verdict.joint, verdict.figures)
+                head = plot(picture, width, max(8, height - len(body)), ascii_only=ascii_only)
+            return f"RVDT of J{verdict.joint}", head, body
+        page -= len(solution.rvdt)
+        if page == 0:
             # As in the verdict panel, the notices of an accepted calibration are called notes.
             noted = facts.notices_are_notes
             mark, role = ("·", "text") if noted else ("▲", "warn")
             texts = [wrapped(f" {mark} {n.text}", width, role, "   ") for n in solution.warnings]
             full = [row for lines in texts for row in (*lines, ())]
-            return f"{'Notes' if noted else 'Warnings'} in full", full or [line((" none", "dim"))]
+            title = f"{'Notes' if noted else 'Warnings'} in full"
+            return title, (), full or [line((" none", "dim"))]
         shown = [table for ident in TABLES if (table := facts.table(ident)) is not None]
-        table = [joint_table(subject), *shown][page - self.words_from - 1]
+        table = [joint_table(subject), *shown][page - 1]
         head, body = table_spans(table)
-        return table.title, [*head, *body, (), *wrapped(f" {table.note}", width, "dim", " ")]
-
-
-def _of_rvdt(
-    subject: Subject, verdict: RvdtVerdict, width: int, height: int, *, ascii_only: bool
-) -> Sequence[Line]:
-    role = "warn" if verdict.treat_as_unsensed else "text"
-    verdict_rows = wrapped(f" {verdict.text}", width, role, " ")
-    if verdict.figures is None:
-        return verdict_rows
-    picture = rvdt_deviations(subject, verdict.joint, verdict.figures)
-    rows = plot(picture, width, max(8, height - len(verdict_rows)), ascii_only=ascii_only)
-    return [*rows, *verdict_rows[: height - len(rows)]]
+        note = [(), *wrapped(f" {table.note}", width, "dim", " ")] if table.note else []
+        return table.title, head, [*body, *note]
 
 
 class ResultsView(StepView):
@@ -192,30 +177,43 @@ class ResultsView(StepView):
 
     def set_compact(self, compact: bool) -> None:  # noqa: FBT001 - one meaning only
         """Use the layout of a small or a large terminal."""
-        self.query_one("#results-plot", ResultsPlot).framed = not compact
+        self.plots.framed = not compact
         super().set_compact(compact)
+
+    @property
+    def plots(self) -> ResultsPlot:
+        """Panel of plots, texts and tables."""
+        return self.query_one("#results-plot", ResultsPlot)
+
+    @property
+    def main(self) -> ListPanel:
+        """The parameters; while they are hidden, the panel beside them, whose text or table then scrolls."""
+        return super().main if self.query_one(".left").display else self.plots
 
     def show(self, s: SessionSnapshot) -> None:
         """Update the number of plot pages, then show a snapshot."""
-        self.query_one("#results-plot", ResultsPlot).count_pages(s)
+        self.plots.count_pages(s)
         super().show(s)
 
     def next_view(self) -> None:
         """Show the next page of plots; a small terminal shows the parameter table before the first page."""
-        plots = self.query_one("#results-plot", ResultsPlot)
+        plots = self.plots
         if self.compact and self.view == 0:
-            plots.page = 0
+            plots.turn_to(0)
             super().next_view()
             return
-        plots.page = (plots.page + 1) % plots.count
+        plots.turn_to(plots.page + 1)
         if self.compact and plots.page == 0:
             super().next_view()
-        # Text and tables need the whole width.
-        table_fits = self.view == 0 if self.compact else plots.page < plots.words_from
-        self.query_one(".left").display = table_fits
+        self._apply_view()
+
+    def _apply_view(self) -> None:
+        super()._apply_view()
+        if not self.compact:
+            # Text and tables need the whole width.
+            self.query_one(".left").display = self.plots.page == 0
 
     @property
     def place(self) -> tuple[int, int]:
         """Number of the current view (the table first, then the plots), and number of views."""
-        plots = self.query_one("#results-plot", ResultsPlot)
-        return (1 if self.view == 0 else 2 + plots.page), 1 + plots.count
+        return (1 if self.view == 0 else 2 + self.plots.page), 1 + self.plots.count

@@ -74,11 +74,6 @@ class JointTable(ListPanel):
     """List of joints. `show_selected`: mark a row, and show sensor and requested mode instead of speed and state."""
 
     TITLE = "Joints"
-    HELP = (
-        "One row per joint. POSITION: the joint moves to its target. FREE: it follows the closed "
-        "chain with no torque of its own. The bar shows the joint's place in its range. "
-        "A position older than 100 ms is marked with ?; speed and torque are then shown as ?."
-    )
 
     def __init__(self, *, id: str | None = None, show_selected: bool = False) -> None:  # noqa: A002
         super().__init__(id=id)

@@ -124,12 +124,6 @@ class ArmView(Lines):
     """Drawing of the arm at its current pose. Scale and centre change only with the predicted poses."""
 
     TITLE = "Arm"
-    HELP = (
-        "The arm by the present estimate, from its base (B) over joints 1 to 7 to the "
-        "hinge (its axis is drawn through ⊕). Joints in position mode are marked in colour and "
-        "bold. The dotted arm is the next pose; on a planned move a line of dots "
-        "is the path of the tool."
-    )
 
     _box: FloatArray | None = None
     _box_of: object = None

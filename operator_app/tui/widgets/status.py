@@ -10,7 +10,6 @@ from operator_app.session.ui.guards import stops_on_any_key
 from operator_app.session.ui.snapshot import DataState, Level, Message, SessionSnapshot
 from operator_app.session.ui.user_interface import ShownAlarm
 from operator_app.tui.lines import Lines
-from operator_app.tui.theme import STOP_WIDTH
 from operator_app.units import DATA_AGE
 
 HEARTBEAT_LATE_S = 0.35
@@ -21,7 +20,8 @@ class SafetyStrip(Lines, can_focus=False):
 
     def _build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         short = width < 110
-        stop: list[Span] = [(" STOP ", "badge"), (" SPC/F8" if short else " SPACE/F8", "key")]
+        keys = " SPC/F8" if short else " SPACE/F8"
+        stop: list[Span] = [(" STOP ", "badge @stop"), (keys, "key @stop")]
         parts = (_arm, _bus, _heartbeat, _data, _modes, _drives)
         cells = [stop, *(part(s, short=short) for part in parts)]
         row = _joined(cells, short=short)
@@ -33,9 +33,6 @@ class SafetyStrip(Lines, can_focus=False):
             # Omit the modes, which the step's view shows too; the state of the drives is shown only in the strip.
             row = _joined([*cells[:-2], cells[-1]], short=short)
         return [clip(row, width)]
-
-    def _action_at(self, x: int, y: int) -> str:
-        return "stop" if x < STOP_WIDTH else ""
 
 
 def _joined(cells: Sequence[Sequence[Span]], *, short: bool) -> Line:
@@ -184,10 +181,8 @@ class Log(Lines, can_focus=False):
             if len(message_rows) > free_rows and k:
                 break
             rows += cut(message_rows, width, free_rows, more)
-        return [clip(row, width) for row in rows]
-
-    def _action_at(self, x: int, y: int) -> str:
-        return "messages"  # unlike a key, a click does not end a motion
+        # Unlike a key, a click does not end a motion.
+        return [tuple((text, f"{role} @messages") for text, role in clip(r, width)) for r in rows]
 
 
 def _alarm_rows(s: SessionSnapshot, width: int) -> list[Line]:

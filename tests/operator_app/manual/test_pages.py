@@ -114,12 +114,9 @@ def markdown(topic: str) -> str:
     return manual().page(topic)
 
 
-def test_help_lists_every_topic_with_its_summary(run_command):
+def test_help_lists_every_topic(run_command):
     output = run_command(0, "help").out
-    for section, topics in SECTIONS.items():
-        assert section in output
-        for topic, summary in topics.items():
-            assert re.search(rf"^ `{topic}` +{re.escape(summary)}$", output, re.MULTILINE), topic
+    assert all(f"\n `{topic}` " in output for topic in TOPICS)
 
 
 def test_every_page_is_a_topic():

@@ -19,7 +19,6 @@ from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot, Ta
 from operator_app.session.ui.steps import Step
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.dialogs import Read
-from operator_app.tui.lines import Clicked
 from operator_app.tui.main_screen import Footer, MainScreen, detail
 from operator_app.tui.steps.capture import PosesPanel, ProgressPanel, QualityPanel, StillPanel
 from operator_app.tui.steps.connect import NodesPanel
@@ -271,6 +270,19 @@ async def test_result_pages_fit_a_small_terminal_with_titles(still):
         assert "Residuals" not in d.text("#results-plot")  # it is in the frame
 
 
+async def test_result_page_longer_than_the_panel_says_so_and_scrolls(still):
+    s = story()["solved"]
+    for limit in (20.0, 25.0, 30.0, 33.0):
+        s = with_condition_above(s, limit)
+    async with still(s, step=Step.RESULTS, size=(80, 24)) as d:
+        while "in full" not in d.text("#results-plot"):
+            await d.press("v")
+        hidden = d.text("#results-plot").splitlines()[-1]
+        assert hidden.endswith(" more below (Down)")
+        await d.press(*["down"] * int(hidden.split()[0]))
+        assert d.text("#results-plot").endswith(" more above (Up)")
+
+
 def test_verification_verdict_precedes_its_figures():
     s = story()["verified"]
     rows = lines_of(RecordPanel(), s, 80, 3)
@@ -332,7 +344,7 @@ async def test_clicks_on_view_and_log_do_not_end_a_motion(still):
         await d.until(lambda: d.app.step is Step.MODES, "another step")
         # Any key would end the motion: the log names none.
         assert "l shows" not in d.text("#log")
-        d.app.main.log_lines.post_message(Clicked("messages"))
+        await d.pilot.click("#log", offset=(3, 0))
         await d.until(lambda: isinstance(d.app.screen, Read), "all messages")
         assert d.runner.cancels == 0
 

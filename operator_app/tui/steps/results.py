@@ -1,6 +1,7 @@
 """Step 6, Results: the verdict, every parameter with its uncertainty, and plots."""
 
 from collections.abc import Sequence
+from itertools import chain
 
 from textual.app import ComposeResult
 
@@ -41,33 +42,35 @@ class VerdictPanel(Lines):
         facts = facts_on(s)
         if facts is None:
             return wrapped(f" {no_facts(s)}", width, "dim", " ")
-        solution, count = facts.solution, len(facts.solution.warnings)
-        glyph, role = VERDICT_GLYPHS[solution.verdict]
-        # Notices are called notes here, because ACCEPTED, WITH WARNINGS is another verdict.
-        noted = facts.notices_are_notes and count
-        tail = f" · {plural(count, 'note')}" if noted else ""
-        sigmas = [h for h in facts.headlines if h.closure]
-        others = [h for h in facts.headlines if not h.closure and h.name != "rank"]
-        truth = truth_in_words(solution)
-        rows = [
-            line((f" {glyph} {facts.verdict.upper()}{tail}", role)),
-            *_hand(solution, width),
-            *(wrapped(f"   truth: {truth}", width, "text", "   ") if truth else ()),
-            headline_spans(sigmas, width),
-            headline_spans(others, width),
-        ]
-        for reason in solution.reasons:
-            rows += wrapped(f" ■ {reason}", width, "alarm", "   ")
-        short = [f" {'·' if noted else '▲'} {notice.brief}" for notice in solution.warnings]
+        rows, noted = _verdict(facts, width), facts.notices_are_notes
+        short = [f" {'·' if noted else '▲'} {notice.brief}" for notice in facts.solution.warnings]
         # An accepted result needs no action: grey, like everything normal.
         role = "text" if noted else "warn"
-        in_full = [row for text in short for row in wrapped(text, width, role, "   ")]
-        if len(rows) + len(in_full) > height:
-            in_full = [line((text, role)) for text in short]
-        if (hidden := len(rows) + len(in_full) - height) > 0:
-            shown = max(0, len(in_full) - hidden - 1)
-            in_full = [*in_full[:shown], line((f"   {len(in_full) - shown} more (v)", "dim"))]
-        return [clip(row, width) for row in (*rows, *in_full)]
+        briefs = [row for text in short for row in wrapped(text, width, role, "   ")]
+        if len(rows) + len(briefs) > height:
+            briefs = [line((text, role)) for text in short]
+        rows += briefs
+        if (hidden := len(rows) - height) > 0:
+            rows[height - 1 :] = [line((f"   {hidden + 1} more (v)", "dim"))]
+        return [clip(row, width) for row in rows]
+
+
+def _verdict(facts: Facts, width: int) -> list[Line]:
+    """Return the verdict with its reasons, followed by the accuracy of the tool and the headline figures."""
+    solution, count = facts.solution, len(facts.solution.warnings)
+    glyph, role = VERDICT_GLYPHS[solution.verdict]
+    # Notices are called notes here, because ACCEPTED, WITH WARNINGS is another verdict.
+    tail = f" · {plural(count, 'note')}" if facts.notices_are_notes and count else ""
+    reasons = [wrapped(f" ■ {reason}", width, "alarm", "   ") for reason in solution.reasons]
+    truth = truth_in_words(solution)
+    return [
+        line((f" {glyph} {facts.verdict.upper()}{tail}", role)),
+        *chain.from_iterable(reasons),
+        *_hand(solution, width),
+        *(wrapped(f"   truth: {truth}", width, "text", "   ") if truth else ()),
+        headline_spans([h for h in facts.headlines if h.closure], width),
+        headline_spans([h for h in facts.headlines if not h.closure and h.name != "rank"], width),
+    ]
 
 
 def _hand(solution: Solution, width: int) -> list[Line]:
@@ -146,16 +149,15 @@ class ResultsPlot(ListPanel):
             if verdict.figures is not None:
                 picture = rvdt_deviations(subject, verdict.joint, verdict.figures)
                 head = plot(picture, width, max(8, height - len(body)), ascii_only=ascii_only)
+            if len(head) + 2 > height:  # no room for text below the plot: all scrolls
+                head, body = [], [*head, *body]
             return f"RVDT of J{verdict.joint}", head, body
         page -= len(solution.rvdt)
         if page == 0:
-            # As in the verdict panel, the notices of an accepted calibration are called notes.
-            noted = facts.notices_are_notes
-            mark, role = ("·", "text") if noted else ("▲", "warn")
+            mark, role = ("·", "text") if facts.notices_are_notes else ("▲", "warn")
             texts = [wrapped(f" {mark} {n.text}", width, role, "   ") for n in solution.warnings]
-            full = [row for lines in texts for row in (*lines, ())]
-            title = f"{'Notes' if noted else 'Warnings'} in full"
-            return title, (), full or [line((" none", "dim"))]
+            notices = [row for lines in texts for row in ((), *lines)]
+            return "Verdict in full", (), [*_verdict(facts, width), *notices]
         shown = [table for ident in TABLES if (table := facts.table(ident)) is not None]
         table = [joint_table(subject), *shown][page - 1]
         head, body = table_spans(table)

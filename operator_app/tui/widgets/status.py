@@ -181,8 +181,9 @@ class Log(Lines, can_focus=False):
             if len(message_rows) > free_rows and k:
                 break
             rows += cut(message_rows, width, free_rows, more)
-        # Unlike a key, a click does not end a motion.
-        return [tuple((text, f"{role} @messages") for text, role in clip(r, width)) for r in rows]
+        # Unlike a key, a click does not end a motion. It may be anywhere in the row.
+        full = ((*clip(row, width), (" " * (width - length(row)), "text")) for row in rows)
+        return [tuple((text, f"{role} @messages") for text, role in row) for row in full]
 
 
 def _alarm_rows(s: SessionSnapshot, width: int) -> list[Line]:

@@ -58,6 +58,10 @@ def test_verdict_counts_the_notes_that_do_not_fit(height):
     assert rows[0].endswith(f"{notes} notes")
     shown = sum(row.startswith(" · ") for row in rows)
     assert shown == notes or rows[-1] == f"   {notes - shown} more (v)"
+    reasons = tuple(note.text for note in s.solution.warnings)
+    refused = replace(s, solution=replace(s.solution, reasons=reasons))
+    _, reason, *_, last = lines_of(VerdictPanel(), refused, 98, height)
+    assert (reason[:3], last[-9:]) == (" ■ ", " more (v)")
 
 
 def test_unreachable_plan_is_stated():
@@ -101,7 +105,7 @@ async def test_every_panel_names_the_same_verdict(still):
         assert detail(Step.RESULTS, now) == short
         async with still(now, step=Step.RESULTS) as d:
             plots = d.app.main.query_one(ResultsPlot)
-            while not str(plots.border_title).startswith(f"{title} in full"):
+            while not str(plots.border_title).startswith("Verdict in full"):
                 assert plots.page < plots.count - 1
                 await d.press("v")
             assert ("▲" in d.text("#results-plot")) == (title == "Warnings")

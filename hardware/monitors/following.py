@@ -128,6 +128,8 @@ class FollowingMonitor:
             state, counts = state_of(status), sample.counts[at]
             stopped = state is DriveState.QUICK_STOP_ACTIVE
             if not stopped or command.mode is not JointMode.POSITION:
+                if self._stopped[at].stopped_syncs:  # enabled again directly: another window
+                    self._outside_syncs[at] = 0
                 self._stopped[at] = _StoppedJoint()
             if command.mode is not JointMode.POSITION:
                 targets.clear()

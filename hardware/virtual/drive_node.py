@@ -147,7 +147,7 @@ class DriveGroup:
         if "stray" in node.faults:
             grown = node.diverged_counts + DIVERGENCE_STEP_COUNTS
             node.diverged_counts = min(grown, DIVERGENCE_COUNTS)
-        return mode, target_rad + node.axis.scale.to_rad(error)
+        return mode, target_rad + error / node.axis.scale.counts_per_rad
 
     def _reading(self, node: DriveNode, counts: int) -> int:
         """Return a sensor's reading with the node's active faults; `counts`: the reading without faults."""

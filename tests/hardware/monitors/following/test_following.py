@@ -266,8 +266,9 @@ def test_joint_that_does_not_come_to_rest_is_reported(counts, earliest, latest):
     assert earliest <= index <= latest
 
 
-def test_second_stop_has_its_own_rest_position():
+def test_second_stop_and_direct_enabling_begin_anew():
     monitor = FollowingMonitor([WINDOW])
-    answers = [*[(STOPPED, 0)] * 40, (OFF, 500), *[(STOPPED, 9000)] * 80]
+    away = [(status, 9500) for status in (STOPPED, FOLLOWS) for _ in range(DIVERGED_SYNCS - 1)]
+    answers = [*[(STOPPED, 0)] * 40, (OFF, 500), *[(STOPPED, 9000)] * 80, *away]
     for sync, (status, counts) in enumerate(answers):
         assert monitor.update(sample((status,), (counts,), sync=sync), (TO_ZERO,)) == ()

@@ -85,8 +85,12 @@ def joint_loops(
 ) -> JointLoops:
     """Return the loops of the poses of the calibration, `made_from`, and of new poses; flipped poses are left out.
 
-    `elsewhere`: the new poses may be in placements that were not calibrated. Raises `ValueError` as `as_calibrated`.
+    `elsewhere`: the new poses may be in placements that were not calibrated. If they are without it, or if the
+    calibration has a parameter that this loop does not have, raises `ValueError`.
     """
+    others = tuple(f"[{k}]" for k in new.poses.placements if k not in made_from.placements)
+    if others and not elsewhere:
+        raise ValueError(f"placement {others[0]} was not calibrated")
     old = _used(solution, averaged_at_rest(new.arm, made_from))
     both = replace(new, poses=concatenated_poses(old, new.poses))
     later = np.arange(len(both.poses)) >= len(old)
@@ -102,9 +106,6 @@ def joint_loops(
         estimate = replace(estimate, parameters=tuple(numbered))
     # Placements without any of these poses are left out.
     absent = [p.name for p in estimate.parameters if "[" in p.name and p.name not in listed]
-    others = tuple(
-        f"[{k}]" for k in both.poses.placements if elsewhere and k not in made_from.placements
-    )
     unknown = tuple(n for n in loop.ground_side if n in listed and n.endswith(others))
     model, x, covariance = as_calibrated(loop, estimate.without(absent), unknown)
     part = model.at_poses(np.flatnonzero(later))

@@ -308,7 +308,8 @@ class FaultModels:
         return replace(candidate, most_stated=stated, measured=measured, lines=lines)
 
     def _smooth(self) -> Iterator[Candidate]:
-        sag = self._in_time(pose_process(self.design.q, SAG_COLUMNS).phi)
+        sags = self.design.sag.any()
+        sag = self._in_time(pose_process(self.design.q, SAG_COLUMNS).phi) if sags else None
         for j in self.sensed:
             joint, turn = self.arm.joints[j - 1], self.readings[:, j - 1]
             if (curve := self.linearity_curve(j)) is not None:
@@ -317,7 +318,7 @@ class FaultModels:
                 waves = encoder_waves(turn)
                 least = 2.0 * joint.sensor.accuracy_rad
                 yield self._along(Cause.TURN_ERROR, j, waves, most=30.0, least=least)
-            if self.design.sag.any():
+            if sag is not None:
                 yield self._along(Cause.SAG, j, sag, most=30.0, least=2.0 * joint.sag_rad)
 
     def _entries(self) -> Iterator[Candidate]:

@@ -310,13 +310,15 @@ def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
     """Return chi2 of R held-out equations, and its degrees of freedom.
 
     `N` (R, width): the rows of `orthonormal` for these equations. `residual` (R,): their residuals r.
-    With V = I - N N', chi2 is ``r' V^-1 r = r'r + r'N (I - N'N)^-1 N'r``. The degrees of freedom are the rank of V. A
-    singular V has its pseudo-inverse instead.
+    With V = I - N N', chi2 is ``r' V^-1 r = r'r + r'N (I - N'N)^-1 N'r``, with a pseudo-inverse if V is singular. The
+    degrees of freedom are the rank of V.
     """
     values, vectors = np.linalg.eigh(np.eye(N.shape[1]) - N.T @ N)
     free = values > FREE
-    along = (residual @ N @ vectors)[free]
-    return float(residual @ residual + (along**2 / values[free]).sum()), len(N) - int((~free).sum())
+    # Along the other eigenvectors, where the eigenvalue of N'N is 1, nothing of r remains.
+    weights = np.where(free, 1.0 / np.where(free, values, 1.0), -1.0)
+    chi2 = residual @ residual + weights @ (residual @ N @ vectors) ** 2
+    return float(chi2), len(N) - int((~free).sum())
 
 
 def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:

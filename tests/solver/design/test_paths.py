@@ -44,8 +44,7 @@ def test_routes_arrive_in_range_with_closed_loops(graph, reached_by_first_pair, 
 
 def test_drives_move_in_straight_lines(graph, reached_by_first_pair, ranges):
     (target,) = far_poses(reached_by_first_pair, 1)
-    route = graph.route(ranges, source=0, target=target, drives=(1, 5))
-    leg = route[0]
+    leg = graph.route(ranges, source=0, target=target, drives=(1, 5))[0]
     drives = leg.trace_rad[:, [j - 1 for j in leg.drives]]
     corners = np.concatenate((drives[:1], leg.waypoints_rad[:, [j - 1 for j in leg.drives]]))
     for point in drives:

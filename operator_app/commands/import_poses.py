@@ -33,7 +33,7 @@ from operator_app.config.recording import (
 )
 from operator_app.config.resources import resolve
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.report.facts import Facts, facts_of
+from operator_app.report.facts import facts_of
 from operator_app.report.results.recording import recording_json, recording_text
 from operator_app.report.results.session import result_text
 from operator_app.safe_output import say
@@ -67,20 +67,20 @@ def execute(args: argparse.Namespace) -> int:
             drop_unidentifiable=args.drop_unidentifiable,
         ),
     )
-    result: Facts | UnidentifiableError
+    unidentifiable = None
     try:
         solution, checks = session.calibrate()
-        result = facts_of(solution, checks=checks, limits=session.procedure.acceptance)
     except UnidentifiableError as error:
         # The poses are kept, for report and compare.
-        result = error
+        unidentifiable = error
     except (EndpointMissingError, ReadingsOutOfRangeError) as error:
         raise UsageError(f"{', '.join(args.poses)}: {error}") from error
     folder = session.write(root=args.sessions)
     save_poses(folder / POSES_NAME, session.state.pose_set())
     procedure, state = session.procedure, session.state
+    result = unidentifiable or facts_of(solution, checks=checks, limits=procedure.acceptance)
     say(result_text(result, procedure, folder, state, in_json=args.json, more=recordings))
-    if isinstance(result, UnidentifiableError):
+    if unidentifiable is not None:
         if not args.json:
             say(f"\nSession     {folder}")
         return ExitCode.NOT_IDENTIFIABLE

@@ -9,7 +9,6 @@ from typing import Any, get_args, get_origin, get_type_hints
 import numpy as np
 import pytest
 import sarcal
-from numpy.typing import NDArray
 from sarcal.calls import one_blas_thread
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -93,7 +92,9 @@ def test_types_admit_the_arrays_that_the_functions_take():
         (sarcal.calibrate, "unsensed_joints"), (sarcal.plan, "drive_joints"),
     ):  # fmt: skip
         hint = get_type_hints(function.__wrapped__ if name.endswith("joints") else function)[name]
-        assert get_origin(NDArray[np.int64]) in {get_origin(part) for part in get_args(hint)}
+        assert get_origin(np.typing.NDArray[np.int64]) in {
+            get_origin(part) for part in get_args(hint)
+        }
     assert sarcal.poses_of(q_rad=Q, placement=np.ones(12, dtype=int)).placement.sum() == 12
 
 

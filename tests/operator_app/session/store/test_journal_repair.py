@@ -133,5 +133,4 @@ def test_a_session_without_its_first_line_keeps_poses_but_cannot_continue(tmp_pa
     write_journal(tmp_path / "one", broken(SOUND, 1))
     text = run_command(0, "session", "repair", "one", "--sessions", tmp_path).out
     assert "cannot be resumed" in text
-    state = read_session(tmp_path / "one").state
-    assert len(state.used_poses) == 3
+    assert len(read_session(tmp_path / "one").state.used_poses) == 3

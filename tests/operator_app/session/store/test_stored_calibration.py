@@ -39,8 +39,7 @@ def session(make_session, procedure):
 
 def from_the_file(session: Session) -> SessionState:
     session.close("done")
-    events = read_journal(session.journal.path.parent).events
-    return replay(events)
+    return replay(read_journal(session.journal.path.parent).events)
 
 
 def test_a_stored_calibration_is_read_back(session):

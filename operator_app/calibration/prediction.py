@@ -88,7 +88,7 @@ def joint_loops(
     `elsewhere`: the new poses may be in placements that were not calibrated. If they are without it, or if the
     calibration has a parameter that this loop does not have, raises `ValueError`.
     """
-    others = tuple(f"[{k}]" for k in new.poses.placements if k not in made_from.placements)
+    others = [k for k in new.poses.placements if k not in made_from.placements]
     if others and not elsewhere:
         raise ValueError(f"placement {others[0]} was not calibrated")
     old = _used(solution, averaged_at_rest(new.arm, made_from))
@@ -106,7 +106,8 @@ def joint_loops(
         estimate = replace(estimate, parameters=tuple(numbered))
     # Placements without any of these poses are left out.
     absent = [p.name for p in estimate.parameters if "[" in p.name and p.name not in listed]
-    unknown = tuple(n for n in loop.ground_side if n in listed and n.endswith(others))
+    ends = tuple(f"[{k}]" for k in others)
+    unknown = tuple(n for n in loop.ground_side if n in listed and n.endswith(ends))
     model, x, covariance = as_calibrated(loop, estimate.without(absent), unknown)
     part = model.at_poses(np.flatnonzero(later))
     return JointLoops(

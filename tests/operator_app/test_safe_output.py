@@ -125,8 +125,7 @@ def hostile_session(folder: Path) -> Path:
 def test_session_texts_are_kept_and_shown_as_text(tmp_path, run_command):
     folder = hostile_session(tmp_path / "one")
     root = ["--sessions", str(tmp_path)]
-    state = read_session(folder).state
-    assert state.serial_number == HOSTILE
+    assert read_session(folder).state.serial_number == HOSTILE
     listed = run_command(0, "session", "list", *root).out
     assert len(listed.splitlines()) == 2
     shown = run_command(0, "session", "show", "one", *root).out

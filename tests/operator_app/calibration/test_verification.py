@@ -157,8 +157,7 @@ def test_fixture_slip_fails_verification_whatever_noise_was_estimated(sound):
 @pytest.fixture(scope="module")
 def retaken(sound):
     """A sound calibration with its poses, and poses of the same arm taken later."""
-    poses = poses_of(session(SEED))
-    return (sound, poses), session(SEED, walk=1, poses=20)
+    return (sound, poses_of(session(SEED))), session(SEED, walk=1, poses=20)
 
 
 def verification_of(retaken, where, error_deg):
@@ -209,6 +208,9 @@ def test_other_placement_of_a_hinge_or_other_unit_is_refused(retaken):
     other = replace(new, placement=np.full(len(new), 2))
     with pytest.raises(NoTestError, match="placement 2, which was not calibrated"):
         verify_new_poses(ARM, HINGE, solution, made_from=made_from, new=other)
+    two = replace(new, placement=np.arange(len(new)) % 2 + 1)
+    with pytest.raises(ValueError, match="placement 2 was not calibrated"):
+        verify_poses(ARM, HINGE, two, solution, made_from)
     radians = replace(new, q_rad=np.deg2rad(new.q_rad))
     with pytest.raises(NoTestError, match="in range if taken as radians"):
         verify_new_poses(ARM, HINGE, solution, made_from=made_from, new=radians)

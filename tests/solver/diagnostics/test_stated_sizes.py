@@ -64,8 +64,7 @@ def test_a_step_of_50_counts_is_found_despite_noisier_joints(seed):
     case = CASES["joint slips 50 counts"](seed)
     (cause,) = case.causes
     diagnosis = diagnosed(fit_of(case.taken))
-    significant = [test.code for test in diagnosis.tests if test.fires]
-    assert significant == ["STEP"]
+    assert [test.code for test in diagnosis.tests if test.fires] == ["STEP"]
     assert diagnosis.best.candidate.cause is Cause.LOST_COUNTS
     assert f"STEP_JOINT_{diagnosis.best.candidate.subject}" == cause
 

@@ -51,6 +51,7 @@ from solver.diagnostics.identifiability import (
     condition_at_readings,
     identifiability,
     identifiability_of_fit,
+    well_conditioned_at_readings,
 )
 from solver.diagnostics.limits import (
     CHI2_PER_DOF_GROSS,
@@ -177,8 +178,10 @@ def prepare(
         prior=frozenset(prior) - {*free.ground_side, *free.hand_side},
     )
     # Before the fit, because along an unidentifiable direction without a prior no estimate is valid.
-    if loops.paper is not None:
-        _identifiability(prepared, loops.paper.x)
+    if (paper := loops.paper) is not None and (
+        by_paper or not well_conditioned_at_readings(paper, loops.q)
+    ):
+        _identifiability(prepared, paper.x)
     return prepared
 
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.closing import close_loops, left_null_space, reduced_equations
-from solver.diagnostics.limits import IMMOBILE_RAD
+from solver.diagnostics.limits import IMMOBILE_RAD, WELL_CONDITIONED
 from solver.errors import UnidentifiableDirection
+from solver.estimators.estimate import Estimate
 from solver.estimators.least_squares import column_scale, stacked_triangle
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.paper import closure_problem
@@ -106,6 +107,20 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
     C = closure_problem(model, q)(x).T
     s = np.linalg.svd(C / column_scale(C), compute_uv=False)
     return float(s[0] / s[-1]) if s[-1] > RANK_TOLERANCE * s[0] else float("inf")
+
+
+def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
+    """Whether the Jacobian J at the readings `q` (m, n) is so well conditioned that all parameters are identifiable.
+
+    The condition follows from the covariance of the estimate `paper`, which is proportional to the inverse of J'J.
+    """
+    sd = paper.standard_deviation
+    if not (sd > 0.0).all() or _immobile(np.ptp(q, axis=0)):
+        return False
+    normal = np.linalg.pinv(paper.covariance / np.outer(sd, sd), hermitian=True)
+    size = np.sqrt(np.diagonal(normal))
+    least, *_, most = np.linalg.eigvalsh(normal / np.outer(size, size))
+    return bool(most < WELL_CONDITIONED**2 * least)
 
 
 def jacobian_at_closed(

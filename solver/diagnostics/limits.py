@@ -144,6 +144,10 @@ FAR_FROM_NOMINAL_M = 0.06
 LEAST_INFORMATION_SHARE = 0.5
 """A parameter counts as known from the files if the poses contribute a smaller share of its information."""
 
+WELL_CONDITIONED = 100.0
+"""If the scaled condition number at the readings is below this (the paper's limit), all directions are identifiable:
+with an unidentifiable direction, noise of the readings does not lower the condition number to this value."""
+
 # Poses
 
 FEW_DOF = 30

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 
@@ -188,8 +189,8 @@ class LinearFit:
     def repeatability(self) -> FloatArray:
         """Covariance (P, P) of the parameters from noise alone: their scatter if the same poses were taken again."""
         gain = self._gain().T
-        rows = [part.times(gain).reshape(-1, gain.shape[1]) for part in self.parts()]
-        return np.asarray(sum(G.T @ G for G in (*rows, self._distances()[1] @ gain)))
+        rows = (part.times(gain).reshape(-1, gain.shape[1]) for part in self.parts())
+        return np.asarray(sum(G.T @ G for G in chain(rows, [self._distances()[1] @ gain])))
 
     def _gain(self) -> FloatArray:
         """Return the rows (P, width) of ``H^-1`` for the parameters, each multiplied by its element of `unit`."""
@@ -310,14 +311,16 @@ def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
     """Return chi2 of R held-out equations, and its degrees of freedom.
 
     `N` (R, width): the rows of `orthonormal` for these equations. `residual` (R,): their residuals r.
-    With V = I - N N', chi2 is ``r' V^-1 r = r'r + r'N (I - N'N)^-1 N'r``, with a pseudo-inverse if V is singular. The
-    degrees of freedom are the rank of V.
+    With V = I - N N', chi2 is ``r' V^-1 r``, with a pseudo-inverse if V is singular, and the degrees of freedom are the
+    rank of V. Of V and I - N'N, which has the same eigenvalues apart from ones, the smaller is decomposed:
+    ``V^-1 = I + N (I - N'N)^-1 N'``.
     """
-    values, vectors = np.linalg.eigh(np.eye(N.shape[1]) - N.T @ N)
+    few = len(N) <= N.shape[1]
+    values, vectors = np.linalg.eigh(np.eye(min(N.shape)) - (N @ N.T if few else N.T @ N))
     free = values > FREE
-    # Along the other eigenvectors, where the eigenvalue of N'N is 1, nothing of r remains.
-    weights = np.where(free, 1.0 / np.where(free, values, 1.0), -1.0)
-    chi2 = residual @ residual + weights @ (residual @ N @ vectors) ** 2
+    # Chi2 is r'r plus a sum over the eigenvectors; along those that no other pose predicts, it takes r out.
+    weights = np.where(free, 1.0 / np.where(free, values, 1.0) - few, -1.0)
+    chi2 = residual @ residual + weights @ ((residual if few else residual @ N) @ vectors) ** 2
     return float(chi2), len(N) - int((~free).sum())
 
 

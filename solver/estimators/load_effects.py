@@ -113,7 +113,7 @@ class LoadBasis:
 
     def deflection_at(self, poses: slice = slice(None)) -> FloatArray:
         """Return the columns (m, k, c) of the deflection at a slice of the poses, in units of its stated size."""
-        return np.asarray(self.all_deflections[self.rows[poses]])
+        return np.asarray(self.all_deflections[self.rows[poses]], dtype=np.float64)
 
     def modelled_deflection(self, stated: FloatArray, poses: slice) -> FloatArray:
         """Return the columns (m, k, c) of the deflection, rad and m, if the stated deflection is `stated` (k,)."""
@@ -221,7 +221,10 @@ def load_basis(
     # The torques need most memory: with many poses they are computed again where needed.
     of_few = torque if m <= BLOCK_POSES else None
     del torque
-    deflection = np.zeros((m, k, deflection_columns * len(parts)))
+    # With many poses this array needs most memory. Its columns are a basis, for which single precision is enough.
+    single = m > BLOCK_POSES
+    shape = m, k, deflection_columns * len(parts)
+    deflection = np.zeros(shape, dtype=np.float32 if single else np.float64)
     missed = np.zeros((m, k))
     for number, (poses, one) in enumerate(placements if max(stated_deflection) > 0.0 else ()):
         torque_there = None if of_few is None else of_few[poses]

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray, select_poses
+from solver.arrays import FloatArray, IntArray, pose_slices, select_poses
 from solver.chain.kinematics import forward
 from solver.chain.parameters import DhKind
 from solver.chain.sensors import SATURATION, WAVES, encoder_waves, powers_of
@@ -64,6 +64,12 @@ class Corrections:
 
     def at(self, q: FloatArray) -> FloatArray:
         """Return the corrections (..., n), rad, to be added to readings q (..., n), rad."""
+        # Torques of gravity need much memory: some poses at a time.
+        poses = q.reshape(-1, q.shape[-1])
+        shifts = (self._at(poses[some]) for some in pose_slices(len(poses)))
+        return np.concatenate((poses[:0], *shifts)).reshape(q.shape)
+
+    def _at(self, q: FloatArray) -> FloatArray:
         total = np.zeros_like(q)
         downs = list(dict.fromkeys(c.down for c in self.each if c.kind == "gravity"))
         if downs:

@@ -224,8 +224,7 @@ def test_missing_line_is_refused(removed):
 
 
 def test_conversion_to_degrees_and_back_changes_at_most_one_bit():
-    rng = np.random.default_rng(5)
-    angles = rng.uniform(-np.pi, np.pi, (2, 500))
+    angles = np.random.default_rng(5).uniform(-np.pi, np.pi, (2, 500))
     table = DhTable(theta_off_rad=angles[0], s_m=angles[0], a_m=angles[1], alpha_rad=angles[1])
     rows = rows_from_table(table)
     read_back = np.deg2rad([row.alpha_deg for row in rows])
@@ -324,8 +323,7 @@ def test_longest_document_fits_into_a_slot():
         DhRow(row=k, theta_off_deg=value, s_m=value, a_m=value, alpha_deg=value)
         for k in range(n + 1)
     )
-    rng = np.random.default_rng(4)
-    factor = rng.normal(size=(len(names), len(names)))
+    factor = np.random.default_rng(4).normal(size=(len(names), len(names)))
     variance = np.ones(len(names))
     longest = replace(
         document(),

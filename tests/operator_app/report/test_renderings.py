@@ -78,8 +78,7 @@ def plain(row: Line) -> str:
 def text_rows(text: str, title: str, heads: int) -> list[str]:
     """Rows of the table under a title, without heading and note."""
     lines = text.split(title + "\n", 1)[1].split("\n\n", maxsplit=1)[0].splitlines()
-    indented = [line.strip() for line in lines if line.startswith("  ")]
-    return indented[heads:]
+    return [line.strip() for line in lines if line.startswith("  ")][heads:]
 
 
 def body_of(renderings: SimpleNamespace, table: FactTable) -> list[list[str]]:

@@ -37,8 +37,7 @@ def test_exchange_is_near_exhaustive_search(seed):
 
 
 def test_choice_depends_on_captured_poses():
-    rng = np.random.default_rng(1)
-    root = rng.normal(size=(15, 2, 6))
+    root = np.random.default_rng(1).normal(size=(15, 2, 6))
     # All but the last two parameters are known.
     fixed = np.diag([1e4] * 4 + [0.0] * 2)
     chosen = choose_poses(root, 3, fixed=fixed)

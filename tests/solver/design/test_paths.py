@@ -89,8 +89,7 @@ def test_line_into_a_singularity_is_not_safe(loop, x, region, ranges):
 
 
 def test_visiting_order_is_near_the_shortest():
-    rng = np.random.default_rng(5)
-    points = rng.uniform(size=(9, 2))
+    points = np.random.default_rng(5).uniform(size=(9, 2))
     distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
 
     def length(order) -> float:
@@ -103,8 +102,7 @@ def test_visiting_order_is_near_the_shortest():
 
 
 def test_visiting_order_with_unreachable_points():
-    rng = np.random.default_rng(6)
-    points = rng.uniform(size=(12, 2))
+    points = np.random.default_rng(6).uniform(size=(12, 2))
     distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
     distances[3:7] = distances[:, 3:7] = np.inf
     assert sorted(visiting_order(distances)) == list(range(1, 12))

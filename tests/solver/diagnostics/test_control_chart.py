@@ -68,8 +68,7 @@ def test_a_shift_of_0_05_deg_at_session_8_is_named_by_session_10():
 
 
 def test_a_shift_is_named_once_with_session_and_amount():
-    rng = np.random.default_rng(3)
-    values = rng.normal(0.0, 0.01, (20, 4))
+    values = np.random.default_rng(3).normal(0.0, 0.01, (20, 4))
     values[12:, 2] += 0.2
     result = control_chart("abcd", values, np.full((20, 4), 0.03))
     (change,) = result.changes
@@ -83,8 +82,7 @@ def test_a_shift_is_named_once_with_session_and_amount():
 
 
 def test_limits_follow_the_scatter_not_the_stated_sigmas():
-    rng = np.random.default_rng(4)
-    values = rng.normal(0.0, 0.01, (40, 5))
+    values = np.random.default_rng(4).normal(0.0, 0.01, (40, 5))
     for stated in (0.01, 0.05, 0.002):
         result = control_chart(NAMES, values, np.full((40, 5), stated))
         assert result.changes == ()

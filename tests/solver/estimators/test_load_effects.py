@@ -125,8 +125,7 @@ def test_displacements_have_the_covariance_of_wishart_compliances():
     "stated_deflection", [(1.0, 1.0), (5e-4, 1e-4), (1e-4, 8e-4), (0.0, 2e-4), (2e-4, 0.0)]
 )
 def test_compliance_sizes_reproduce_the_stated_deflection(stated_deflection):
-    rng = np.random.default_rng(2)
-    wrench = rng.normal(size=(400, 6, 5))
+    wrench = np.random.default_rng(2).normal(size=(400, 6, 5))
     for rows in (slice(0, 3), slice(3, 6)):
         wrench[:, rows] /= np.sqrt((wrench[:, rows] ** 2).sum((1, 2)).mean())
     s = compliance_sizes(stated_deflection, rotations=3)
@@ -172,8 +171,7 @@ def test_expected_sag_is_that_of_half_normal_compliances(model, q):
     """Joints twist in the direction in which the links would fall."""
     result = basis(model, q)
     falling = falling_torque(model, q, MASSES)
-    rng = np.random.default_rng(5)
-    mean = np.abs(rng.normal(size=100_000)).mean()
+    mean = np.abs(np.random.default_rng(5).normal(size=100_000)).mean()
     for j in range(4):
         shape = falling[:, j] / np.sqrt((falling[:, j] ** 2).mean())
         # Uncertain masses take a share of the mean square: less of it is expected, never more.

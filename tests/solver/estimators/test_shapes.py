@@ -93,8 +93,7 @@ def test_columns_equal_the_effects_on_joints_and_fixture(model, q, errors):
     system = system_of(design, np.zeros((POSES, 5)))
     unscaled = np.ones(design.width - design.flat_count)
     part = design.whiten(system, design.start_variances(), unscaled, slice(None))
-    rng = np.random.default_rng(3)
-    b = rng.normal(size=design.width - design.flat_count)
+    b = np.random.default_rng(3).normal(size=design.width - design.flat_count)
     b[: len(design.prior_index)] = 0.0
     shift, deflection = design.effects_at(b, q)
     shift = shift - design.effects_at(0.0 * b, q)[0]

@@ -132,8 +132,7 @@ def ball_in_socket(offsets: np.ndarray, home: np.ndarray) -> tuple[PointClosure,
 
 
 def test_two_placements_of_a_ball_are_recovered():
-    rng = np.random.default_rng(8)
-    offsets = rng.uniform(-np.pi, np.pi, 7)
+    offsets = np.random.default_rng(8).uniform(-np.pi, np.pi, 7)
     homes = np.deg2rad([[20, 50, -30, 80, 40, -60, 10], [-60, 80, 10, 60, -70, 40, 90]])
     (model, first), (_, second) = (ball_in_socket(offsets, home) for home in homes)
     placements = place(model, np.repeat([1, 2], [40, 15]), same_hand=True)

@@ -23,8 +23,7 @@ def test_axis_covers_its_values_with_round_ticks(values, symmetric):
     assert 2 <= len(result.ticks) <= 8
     assert all(result.low <= t <= result.high + 1e-9 * abs(result.high) for t in result.ticks)
     step = result.ticks[1] - result.ticks[0]
-    leading = f"{step:.3e}"[0]
-    assert leading in "125"
+    assert f"{step:.3e}"[0] in "125"
     assert len(set(result.tick_texts)) == len(result.ticks)
 
 

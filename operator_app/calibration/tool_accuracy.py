@@ -79,7 +79,7 @@ class TrueErrors:
     """True errors of a calibration, which are known only for a simulated arm.
 
     `inside_95`: number of entries whose 95 % interval contains the true value. `of`: number of all entries.
-    `tool_rms_m`: true tool position error, rms over the joints' ranges.
+    `tool_rms_m`: true tool position error of the identified entries with exact readings, rms over the joints' ranges.
     `predicted_rms_m`: this error as predicted from the covariance of the parameters.
     """
 

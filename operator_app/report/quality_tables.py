@@ -162,7 +162,7 @@ def truth_table(solution: Solution) -> FactTable | None:
             ("entries within their 95 % intervals", inside, of),
             ("tool off by, rms [mm]", off_by, predicted),
         ),
-        note="Over the ranges of all joints.",
+        note="The tool with the identified entries and exact readings, over the ranges of all joints.",
     )
 
 
@@ -173,8 +173,8 @@ def truth_in_words(solution: Solution) -> str:
         return ""
     tool, predicted = TRUE_ERROR(truth.tool_rms_m), TRUE_ERROR(truth.predicted_rms_m)
     return (
-        f"{truth.inside_95} of {truth.of} entries within their 95 % intervals; tool off by {tool.with_unit} rms "
-        f"(predicted {predicted.shown}), over the ranges of all joints."
+        f"{truth.inside_95} of {truth.of} entries within their 95 % intervals; with exact readings, the tool is off by "
+        f"{tool.with_unit} rms (predicted {predicted.shown}), over the ranges of all joints."
     )
 
 

@@ -150,9 +150,8 @@ def test_page_head_has_true_errors_of_a_simulation(subject, html):
     truth = TrueErrors(inside_95=13, of=14, tool_rms_m=0.00031, predicted_rms_m=0.00042)
     simulated = replace(subject, solution=replace(subject.solution, truth=truth))
     head = report_html(simulated).decode().partition("<main")[0]
-    assert (
-        "The truth: 13 of 14 entries within their 95 % intervals; tool off by 0.31 mm rms" in head
-    )
+    assert "The truth: 13 of 14 entries within their 95 % intervals; with exact readings" in head
+    assert "the tool is off by 0.31 mm rms (predicted 0.42)" in head
     assert "The truth" not in html
 
 

@@ -18,7 +18,7 @@ from solver.chain.sensors import DITHER, Rvdt, SensorCurve
 from solver.estimators.load_effects import LoadBasis
 
 SD_OF_PEAK = 0.5
-"""Sigma of a `SensorCurve`'s coefficients for which the curve's peak is about 1; for a sigma of 1 it is about 2."""
+"""Sigma of the coefficients of a linearity deviation (`SensorCurve`), divided by the peak of the deviation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

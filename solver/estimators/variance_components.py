@@ -268,7 +268,8 @@ def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:
 
 
 LEAST_LEFT = 1e-12
-"""Smallest share of a variance's information that can remain if the others are estimated; less is due to rounding."""
+"""If estimating the other variances leaves less than this share of a variance's information, none is left: the share
+is due to rounding, and the standard error is infinite."""
 
 MOST_CERTAIN = 1e6
 """Largest ratio of a variance to its standard error that `interval` uses."""
@@ -306,7 +307,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
     """Return the standard errors (K,) of variances `v` (K,), from the likelihood's `information` (K, K).
 
-    A variance at its floor counts as known for the errors of the others. Its own error includes their uncertainty.
+    A variance at its floor counts as known in the errors of the others; its own error includes their uncertainty.
     """
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))

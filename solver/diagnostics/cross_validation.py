@@ -182,8 +182,8 @@ def predicted_residuals(
 ) -> WhitenedResiduals:
     """Return the residuals of the `later` poses (mask (m,)) against their prediction from the other poses of `fit`.
 
-    `given`: values (h,) and covariance (h, h) of the h parameters without a prior, used for the prediction instead of
-    the other poses. The values are relative to the linearisation point.
+    `given`: values (h,), relative to the linearisation point, and covariance (h, h) of the h parameters without a
+    prior. If `given` is not None, the prediction is from these values instead of the other poses.
     """
     width, flat = fit.design.width, fit.design.flat_count
     gram, right = np.zeros((width, width)), np.zeros(width)

@@ -138,9 +138,9 @@ def _residual_tests(
 ) -> tuple[Outliers, list[HypothesisTest]]:
     """Search for outliers and steps in `residuals`, which are whitened by the noise of the fit.
 
-    Steps of a joint's reading are searched for in `low_noise`, which is whitened by less motion noise if the poses show
-    less. Steps of the geometry are searched for in `residuals`, because badly modelled deflections look like steps of
-    the geometry. The noise is not scaled down if the residuals are small, because one sensor may exceed its
+    `low_noise`: residuals whitened by smaller motion noise (`solver.diagnostics.stated_sizes`), if the poses show less.
+    In these, steps of a joint's reading are searched for. Steps of the geometry are not, because badly modelled
+    deflections look like them. Small residuals do not reduce the assumed noise, because one sensor may exceed its
     specification while most errors are smaller than stated.
     """
     outliers = find_outliers(residuals)
@@ -181,7 +181,7 @@ def _changes(
 ) -> Iterable[Candidate]:
     """Yield candidates for step changes at some pose, then for the 1, 2, 3 most probable outliers and all of them.
 
-    `outliers`: the outliers if the noise is as large as stated.
+    `outliers`: result of the search for outliers with the noise as large as stated.
     """
     scale = float(noise_scale(residuals.chi2, residuals.dof))
     for step in steps(residuals, faults.changes(), scale=scale):

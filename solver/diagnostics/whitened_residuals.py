@@ -23,7 +23,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.estimators.linear_fit import inverse_root
 
 FREE = 1e-9
-"""A direction counts as already fitted if the fit leaves less than this share of its sum of squares."""
+"""A direction counts as already fitted if less than this share of its sum of squares remains after the fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -27,7 +27,7 @@ from solver.loops.endpoints import GROUND, PointClosure
 from solver.loops.placements import Placements
 
 SINGULAR_DISTANCE = 1e-10
-"""If an eigenvalue of a correlation matrix is below this share of the largest, its direction is left out of chi2."""
+"""Directions are left out of chi2 if their eigenvalue of the correlation matrix is below this share of the largest."""
 
 
 def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tuple[Finding, ...]:

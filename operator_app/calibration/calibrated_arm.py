@@ -155,8 +155,8 @@ def hand_errors(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compare the tool position before and after calibration at m poses over the ranges of all joints.
 
-    Returns, in metres, the tool position from the calibrated parameters in the arm's base frame (m, 3), its distance
-    from the tool position from the arm file (m,), and the standard deviation of its error (m,).
+    Returns, in metres, the calibrated tool position in the arm's base frame (m, 3), its distance from the position that
+    the arm file gives (m,), and the standard deviation of its error (m,).
     """
     q = even_poses(arm)
     entries = (DhEntry.parse(name) for name in calibrated.identified)

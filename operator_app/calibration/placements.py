@@ -33,7 +33,7 @@ SINGULAR_DISTANCE = 1e-10
 def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tuple[Finding, ...]:
     """Return findings of placements between which the fixture was not remounted.
 
-    Each finding names the parameter with the largest difference in standard deviations, and states that difference.
+    Each finding names the parameter with the largest difference (in standard deviations), and states this difference.
     `estimate` covers all unknowns of `model`. Stations of an instrument are not compared, since a further station adds
     no information about the arm.
     """

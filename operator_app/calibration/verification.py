@@ -139,7 +139,7 @@ def verify_poses(
 
     `made_from`: the calibration's poses, flipped ones included. They predict linearity deviation, sag and compliance.
     The test also looks for one shift common to all new poses. Rows that repeat a pose count once.
-    `elsewhere`: the new poses may be in other placements, estimated from these poses with all other parameters fixed.
+    `elsewhere`: the new poses may be in other placements, which they determine, with all other parameters fixed.
     Raises `ValueError` if the calibration has another fixture or another number of placements. Raises `NoTestError` if
     the new poses only suffice to locate their own socket or station.
     """

@@ -118,7 +118,7 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
 
         P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),   T = log((1-h)^2 / h^2).
 
-    In more than half of the cases, this maximum is between two poses. `AT_POSES` corrects for these cases.
+    More than half of the cases in which the maximum exceeds x are between two poses. `AT_POSES` corrects for them.
     """
     from scipy.special import chdtri, gammaln
 

@@ -225,10 +225,10 @@ def shifted(
     *,
     variance_factor: float = 1.0,
 ) -> CommonShift | None:
-    """Return the most significant shift of one subject that is the same in all poses; None if none is significant.
+    """Return the most significant shift of a single subject, equal in all poses; None if no shift is significant.
 
-    `subjects`: what may have shifted (a joint or a half of the fixture), by name. The value (m, r, c) is the change of
-    each pose's r misclosures per unit of each of the shift's c components.
+    `subjects`: what may have shifted (a joint or a half of the fixture), by name; the value (m, r, c) is the change of
+    each pose's r misclosures per unit of each of the c components of the shift.
     `variance_factor`: largest ratio of actual variances to those of `residuals`.
     """
     shifts = []

@@ -136,12 +136,12 @@ def diagnose(
 def _residual_tests(
     faults: FaultModels, residuals: WhitenedResiduals, low_noise: WhitenedResiduals
 ) -> tuple[Outliers, list[HypothesisTest]]:
-    """Search for outliers and steps in `residuals`, which are whitened by the noise of the fit.
+    """Search for outliers and steps; return the outliers, the test for them, and the test of the most significant step.
 
-    `low_noise`: residuals whitened by smaller motion noise (`solver.diagnostics.stated_sizes`), if the poses show less.
-    In these, steps of a joint's reading are searched for. Steps of the geometry are not, because badly modelled
-    deflections look like them. Small residuals do not reduce the assumed noise, because one sensor may exceed its
-    specification while most errors are smaller than stated.
+    Outliers and steps of the geometry are searched for in `residuals`, which are whitened by the noise of the fit.
+    Steps of a joint's reading are searched for in `low_noise`, with smaller motion noise if the poses show less. In
+    these, badly modelled deflections would look like steps of the geometry. Noise is not scaled down to the size of the
+    residuals: one sensor may exceed its specification while most errors are smaller than stated.
     """
     outliers = find_outliers(residuals)
     worst = steps(residuals, faults.changes(), low_noise=low_noise)[:1]

@@ -203,9 +203,9 @@ def _immobile_offsets(
 ) -> tuple[UnidentifiableDirection, ...]:
     """Return a direction for each immobile joint whose offset is in none of the `known` directions.
 
-    Only exact link lengths distinguish the offset of an immobile joint from the rest of the geometry. The rank may then
-    be full, and the scaled condition number low (9.6 in one example). But a length error of a millimetre looks like an
-    error of the offset, so the offset is reported as unidentifiable.
+    If link lengths are taken as exact, the poses seem to determine such an offset: the rank may be full, and the scaled
+    condition number low (9.6 in one example). But a length error of a millimetre looks like an error of the offset, so
+    the offset is reported as unidentifiable.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(

@@ -182,10 +182,10 @@ def distance_and_rates(
 def distance_rows(
     distances: Sequence[MeasuredDistance], parameters: Sequence[Parameter], x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the misclosures (k,) of k `distances` at x (P,), divided by their uncertainties s, and derivatives (k, P).
+    """Return the misclosures (k,) of k `distances` at x (P,) and their derivatives (k, P), each divided by its sigma s.
 
-    The equation of a distance d from point p_a to p_b is ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s = 0``, with
-    ``u = (p_b - p_a) / d``.
+    For a distance d from point p_a to p_b, ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s = 0`` is the equation of
+    the steps dp_a and dp_b, with ``u = (p_b - p_a) / d``.
     """
     index = {p.name: k for k, p in enumerate(parameters)}
     w, rows = np.zeros(len(distances)), np.zeros((len(distances), len(x)))

@@ -63,7 +63,8 @@ class Derivatives:
     """Derivatives of the log-likelihood with respect to the K variance components.
 
     `score` (K,): gradient. `information`, `curvature` (K, K): expected and observed negative second derivative.
-    `expected` (K,): expectation of a sum of squares. Without priors, ``2 score`` is this sum minus its expectation.
+    `expected` (K,): expectation of a weighted sum of squared residuals and effects. Without priors, ``2 score`` is this
+    sum minus its expectation.
     """
 
     score: FloatArray

@@ -41,8 +41,8 @@ NORMAL_95 = 1.959963984540054
 class Component:
     """Standard deviation `sd` of one source of error, with its 95 % interval, and the value `stated` in the files.
 
-    `name`: ``fixture_m`` or ``fixture_rad`` for the fixture's deflection; e.g. for the sensor of joint 6, ``rvdt_6``
-    (noise of a single reading) or ``curve_6`` (linearity deviation). `unit`: ``rad`` or ``m``.
+    `name`: ``fixture_m`` or ``fixture_rad`` for the fixture's deflection, ``rvdt_6`` for the noise of a single reading
+    of joint 6, ``curve_6`` for the linearity deviation of its sensor. `unit`: ``rad`` or ``m``.
     """
 
     name: str

@@ -265,8 +265,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 def _fit_causes(case: _Case, *, without_sigmas: bool) -> tuple[Finding, ...]:
     """Return the causes that the fit itself shows: it has not converged, or sigmas are large.
 
-    `without_sigmas`: whether to leave out the check of the sigmas. The check takes parameters that are known from files
-    (`Solution.by_files`) as exact.
+    `without_sigmas`: whether to leave out the check of the sigmas, in which `Solution.by_files` count as exact.
     """
     estimate = case.solution.estimate.given(case.solution.by_files)
     open_end = Finding(

@@ -324,7 +324,7 @@ def closure_in_use(
 
 
 def _with_last_link(rows: FloatArray, other: FloatArray, *, reference: FloatArray) -> DhTable:
-    """Return `rows` (5, n), in the last link with those entries of `other` that differ from `reference`."""
+    """Return `rows` (5, n); entries of the last link in which `other` and `reference` differ are those of `other`."""
     rows, differ = rows.copy(), other[:, -1] != reference[:, -1]
     rows[differ, -1] = other[differ, -1]
     return DhTable.from_stacked(rows)

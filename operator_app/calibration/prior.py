@@ -182,7 +182,7 @@ class Innovation:
     shifts: Mapping[int, ShiftOfReading]
 
     def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
-        """Return the joints (1-based) whose reading, shifted by `shift_rad`, raises chi2 by less than `chi2` (mean)."""
+        """Return the joints (1-based) for which a shift `shift_rad` is expected to raise chi2 by less than `chi2`."""
         return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
 
 

@@ -141,7 +141,7 @@ class PoseNoise:
         self.moved = np.asarray(residuals.to_x @ self._shift)
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:
-        """Return the most likely b (p * c,), the c coefficients of one pose after those of another, and variances."""
+        """Return the most likely coefficients b (p * c,), pose by pose, and their variances (p * c,)."""
         back = np.swapaxes(self._L_inverse, -1, -2)
         p, c, _ = back.shape
         b = back @ self._b.reshape(p, c, 1)

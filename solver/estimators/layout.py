@@ -62,8 +62,7 @@ UNMODELLED = "unmodelled"
 It is at most as large as stated, and estimated from the scatter of the poses."""
 
 LEAST_UNMODELLED = 0.1
-"""Lower limit of the component `UNMODELLED` (1: as stated). The scatter of a part that is smooth in the pose
-would give a smaller value."""
+"""Lower limit of `UNMODELLED` (1: as stated): a part that is smooth in the pose scatters less than its size."""
 
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
@@ -408,7 +407,7 @@ class Layout:
         return np.asarray(np.clip(v, self.floors, self.ceilings))
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """Return the stated variances (K,), but that of the fixture's placement from `v` (K,) if it is larger there."""
+        """Return the stated variances (K,); for the fixture's placement the one in `v` (K,) if that is larger."""
         stated = self.stated_variances()
         if (k := self.index.get(PLACEMENT)) is not None:
             stated[k] = max(stated[k], v[k])

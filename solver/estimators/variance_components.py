@@ -268,8 +268,7 @@ def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:
 
 
 LEAST_LEFT = 1e-12
-"""If estimating the other variances leaves less than this share of a variance's information, none is left: the share
-is due to rounding, and the standard error is infinite."""
+"""If less than this share of a variance's information remains when the others are estimated, its error is infinite."""
 
 MOST_CERTAIN = 1e6
 """Largest ratio of a variance to its standard error that `interval` uses."""

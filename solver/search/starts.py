@@ -156,8 +156,7 @@ def _minimised(
 
 
 RIDGE = 1e-9
-"""Added to the diagonal of normal equations that are singular if t may be any point of a line; it is too small to
-affect the result."""
+"""Added to the diagonal of normal equations, which are singular if t may be any point of a line; affects no result."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -46,7 +46,7 @@ def formats(estimate: Estimate) -> Callable[[Valued], Format]:
 def formats_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
 ) -> Callable[[Valued], Format]:
-    """Return a function from parameter to `Format`, as `formats` does, for sigmas in rad or m; 3 to `most` places."""
+    """Return what `formats` returns, for parameters with these `sigmas` (rad or m); 3 to `most` decimal places."""
     return _formats(sigmas, partial(places_to_show, least=3, most=most))
 
 

@@ -278,8 +278,8 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
 class VarianceSearch:
     """Search for the variances of maximum likelihood by Newton's steps, which are shortened where they overshoot.
 
-    If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
-    step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
+    If a variance leaves its floor, the curvature changes quickly, and full steps may oscillate forever. If the slope of
+    the likelihood at a step's end shows an overshoot, the next iteration starts at the maximum along this step.
 
     `fast`: whether steps shrink so fast that further steps are negligible; at first, the argument's value.
     `slope_left`: slope (see `ScoringStep`) that is expected of the step after the last one.

@@ -184,8 +184,8 @@ def distance_rows(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the misclosures (k,) of k `distances` at x (P,) and their derivatives (k, P), each divided by its sigma s.
 
-    For a distance d from point p_a to p_b, ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s = 0`` is the equation of
-    the steps dp_a and dp_b, with ``u = (p_b - p_a) / d``.
+    The linearised equation of a distance d from point p_a to p_b is ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s =
+    0``, where dp_a and dp_b are the steps of the points, and ``u = (p_b - p_a) / d``.
     """
     index = {p.name: k for k, p in enumerate(parameters)}
     w, rows = np.zeros(len(distances)), np.zeros((len(distances), len(x)))

@@ -29,7 +29,7 @@ CHUNK_BYTES = 64 * 1024
 KEPT_BYTES = 1024 * 1024
 """Largest number of bytes that are buffered; if more arrive unread, all are dropped."""
 IN_TRANSIT = 16 * 1024 * 1024
-"""Largest number of bytes that a connection buffers; bytes beyond that number were sent after `forget` began."""
+"""Largest number of bytes that a connection buffers. `forget` reads no more than this, and so ends in any case."""
 
 
 class LineStream:

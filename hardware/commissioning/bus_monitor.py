@@ -14,7 +14,7 @@ from hardware.canopen.objects import NmtState, emergency_text, node_of
 from hardware.monitors.node_monitor import NMT_NAMES, initiated_transfer, nmt_state_name
 
 SILENT_S: Final = 1.5
-"""Time without heartbeat after which a node is reported as silent; after as long without SYNC, a SYNC is reported."""
+"""Time without heartbeat after which a node is reported as silent. A SYNC is reported if none came for as long."""
 _ABORT, _BLOCK_DOWNLOAD, _BLOCK_ANSWER = 0x80, 6, 5
 _EXPEDITED, _SIZED, _BLOCK_SIZED = 0x02, 0x01, 0x02
 

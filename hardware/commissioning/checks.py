@@ -199,7 +199,7 @@ def drive_settings(access: ObjectAccess, profile: BusProfile) -> Iterator[Clause
 
 
 def _guard(guard_s: float | None, *, ignored: bool) -> tuple[bool | None, str]:
-    """Check a drive's operator time-out; None for a time-out within the limit but longer than advised."""
+    """Return whether a drive's operator time-out is allowed, and a text; None if it is allowed but not advised."""
     if guard_s is None:
         text = "1016h: the drive does not monitor this program's heartbeat, and keeps moving if this program dies"
         return False, text

@@ -38,8 +38,8 @@ FRAMES_AT_A_TIME = 200
 MAX_SAMPLE_AGE_S = 0.1
 """A sample older than this is taken again before the next command. Without host latency, samples are a few ms old."""
 IDLE_GROWTH, MAX_IDLE_POLL_S = 1.1, 0.02
-"""A new task does not wake the loop while the loop waits for a frame. Each idle wait is a tenth longer than the last,
-up to MAX_IDLE_POLL_S, so that a task waits for at most about a tenth of the preceding idle time."""
+"""Growth and limit of the loop's idle waits for a frame, which a new task does not end. As each wait is a tenth longer
+than the last, a task waits for at most about a tenth of the preceding idle time."""
 SYNCS_AFTER_STOP = 20
 """Number of SYNCs sent after STOP in fast forward, so that the drives come to rest."""
 

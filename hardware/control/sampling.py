@@ -15,9 +15,9 @@ class CommandSender:
     """Sends commands in the control loop's thread. `quick_stop` must not wait.
 
     STOP sends its own frames in another thread. The STOP latch is therefore checked before and after the commands are
-    sent, so that quick stop is the last command on the bus. `watch.switched_off` has the joints that moved without a
-    command and, when the arm is released, those that have not obeyed STOP. A stop also switches off the drives of these
-    joints, so that their valves block. A drive that was switched off at the drive itself is not enabled again.
+    sent, so that quick stop is the last command on the bus. A stop also switches off the drives of the joints in
+    `JointMonitor.switched_off`, so that their valves block: joints that moved without a command and, when the arm is
+    released, those that have not obeyed STOP. A drive that was switched off at the drive itself is not enabled again.
     """
 
     def __init__(

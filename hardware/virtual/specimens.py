@@ -117,8 +117,8 @@ def files_allow(
     """Whether arm and fixture files allow the true arm and hinge `truth`, closed at the readings `home_rad` (n,).
 
     Calibrated entries may differ from the files by the fixture's tolerance (offsets by `OFFSET_TOLERANCE_RAD`), other
-    entries by five standard deviations. For an open arm, the hinge and mounting-dependent entries are not compared.
-    The hinge's home readings must be within 2 `NEAR_HOME_RAD` of the file's. Other fixtures' files never allow `truth`.
+    entries by five standard deviations. An instrument (open arm) allows any hinge and any mounting. The
+    file of a hinge requires `home_rad` within 2 `NEAR_HOME_RAD` of the arm file's home. Others never allow `truth`.
     """
     model = fixture.model(arm)
     if model.joint_count != truth.loop.joint_count:

@@ -167,7 +167,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return one finding for each code; it blocks if any finding of that code blocks.
 
-    A code occurs twice if the misfit that remains after a cause has been fitted is best explained by the same cause.
+    A code occurs twice if a cause also explains best the misfit that remains after it has been fitted.
     """
     by_code: dict[str, Finding] = {}
     for cause in causes:
@@ -191,8 +191,8 @@ def little_motion(
 ) -> tuple[Finding, ...]:
     """Return the finding that poses differ too little to determine some parameters; empty if all sigmas are small.
 
-    The finding names each parameter of `estimate` whose sigma is large. A sigma larger than the one that a file states
-    (`known`, by name) counts as large. The finding blocks if a value is too uncertain for any use.
+    The finding names each parameter of `estimate` whose sigma is large: above fixed limits, or above the sigma that a
+    file states for it (`known`, by name). The finding blocks if a parameter is too uncertain for any use.
     `fit`: fit that shows which error source should be reduced; None if there is none.
     """
     wide, coarse, refuses = [], [], False
@@ -272,8 +272,9 @@ def proven_by_return(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
     """Return the proven causes, and the other causes that tests of the fit found (`by_tests`).
 
-    A blocking cause that repeated poses found (`by_repeats`) is proven. If the tests found the same cause, the tests'
-    finding is returned. It blocks acceptance even if the error seems small, because the fault has widened the sigmas.
+    `by_repeats`: causes that repeated poses found. Those of them that block acceptance are proven. If tests of the fit
+    found the same cause, their finding is returned in its place. It then blocks acceptance however small the error is
+    in sigmas, because the fault has widened the sigmas.
     """
     proven: list[Finding] = []
     for returned in (c for c in by_repeats if c.blocking):

@@ -231,8 +231,8 @@ def _misfit_causes(
 def _wrong_distances(case: _Case, margin: float, *, again: bool = True) -> tuple[Finding, ...]:
     """Return findings of measured socket distances that may be wrong; empty if there are none.
 
-    The fit without these distances has a chi2 at most `margin` above that of the fit with the most probable fault.
-    `again`: if needed, solve the loops without the distances; otherwise, only the linear fit is used.
+    Without these distances, chi2 is at most `margin` above the chi2 of a fit of the most probable fault.
+    `again`: whether the loops may be solved again without the distances; if not, only the linear fit is used.
     """
     if again and (case.gross or not case.fit.estimate.converged):
         return refuted_distances(case.stated)
@@ -265,7 +265,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 def _fit_causes(case: _Case, *, without_sigmas: bool) -> tuple[Finding, ...]:
     """Return the causes that the fit itself shows: it has not converged, or sigmas are large.
 
-    `without_sigmas`: do not check the sigmas. In this check, the parameters `Solution.by_files` count as exact.
+    `without_sigmas`: whether to leave out the check of the sigmas, in which `Solution.by_files` count as exact.
     """
     estimate = case.solution.estimate.given(case.solution.by_files)
     open_end = Finding(

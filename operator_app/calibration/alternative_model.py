@@ -62,7 +62,7 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
     """Fit the loops of an alternative; return its parameters (P,), as start values, and the mean square error.
 
-    The latter is the mean square closure error or, with unsensed joints, the mean square correction of readings, rad^2.
+    The error is the closure error (1 m as 1 rad) or, with unsensed joints, the correction of the readings (rad).
     """
     if alternative.unsensed:
         fit = without_readings(alternative)
@@ -129,8 +129,8 @@ def solved(alternative: Experiment, *, anywhere: bool = False) -> tuple[float, i
 def fitted(alternative: Experiment, *, anywhere: bool = False) -> MixedFit:
     """Return the fit of an alternative at stated variances; raises an error if it cannot be solved.
 
-    `anywhere`: ignore the stated tolerance of the fixture's placement. Otherwise, of two alternatives that fit, the one
-    whose fixture is nearer to its stated placement has the smaller chi2.
+    `anywhere`: whether to ignore the stated tolerance of the fixture's placement. If it is not ignored, the distance of
+    the fixture from its stated placement increases chi2.
     """
     arm, poses = alternative.arm, alternative.poses
     x, _ = start(alternative)

@@ -51,19 +51,19 @@ PROMISING_COST_SHARE = 0.3
 """An alternative is solved completely if its squared closure error is below this share of the stated model's."""
 
 PER_FREEDOM = 4.6
-"""An alternative's log weight falls by this (ln 100) for each degree of freedom fewer than the stated model has."""
+"""Reduction (ln 100) of an alternative's log weight for each degree of freedom that the stated model has in excess."""
 
 LEAST_M = 2e-3
 """Two lengths that differ by less than this count as equal."""
 
 LEAST_CHANGE_RAD = np.deg2rad(0.05)
-"""Offsets below this count as zero, whether the file has degrees or radians."""
+"""The arm file's offsets are tried as radians only if the largest exceeds this; smaller ones are zero in any unit."""
 
 LARGEST_IN_RADIANS = np.deg2rad(2.0 * np.pi)
-"""Largest angle, rad, that results if a file in radians (up to one turn) is read as degrees."""
+"""A reading of one turn, in rad, if the file has it in radians and it was read as degrees: 2 pi deg."""
 
 LARGEST_OFFSET_RAD = np.deg2rad(10.0)
-"""A joint's zero counts as a quarter or half turn off if its error differs by less than this from such a turn."""
+"""A joint's zero counts as wrong by a quarter or half turn if its error differs from such a turn by less than this."""
 
 MOST_LEFT_OUT = 3
 """Largest number of poses left out to explain a gross misfit; also at most a tenth of all poses."""
@@ -170,9 +170,9 @@ def wrong_distances(
 ) -> tuple[Finding, ...]:
     """Return findings of wrong measured socket distances; empty if leaving out distances does not make the poses fit.
 
-    The distances that deviate most are left out one by one until the rest fits: chi2 passes its test at the stated
-    variances, and is at most `most_chi2` at the variances of `fit.at_known_noise`. `again`: if the linear `fit` does
-    not pass, solve the loops without these distances, because effects of large errors are not linear.
+    The distances that deviate most are left out one after the other until the rest fits: chi2 passes its test at the
+    stated variances, and is at most `most_chi2` at the variances of `fit.at_known_noise`. `again`: whether to solve the
+    loops again without these distances if the linear `fit` does not pass; the effects of large errors are not linear.
     """
     fit_stated = fit.stated
     known = compared(stated, fit_stated)
@@ -241,7 +241,7 @@ def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Find
 
 
 def _weight(ratio: float, dof_left: int, dof: int) -> float:
-    """Return the log weight of an alternative of chi2/dof `ratio` and dof `dof_left`. `dof`: the stated model's dof."""
+    """Return an alternative's log weight; `ratio`: its chi2/dof, `dof_left`: its dof, `dof`: the stated model's dof."""
     fits = -0.5 * dof * np.log(max(ratio, limits.SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - dof_left))
 
@@ -353,7 +353,7 @@ def _turned(stated: Experiment, joint: int, turn_rad: float) -> Alternative:
 
 
 def _frozen(stated: Experiment) -> Iterator[Alternative]:
-    """Yield alternatives in which a sensor is stuck in successive poses; only the first of these poses is used."""
+    """Yield alternatives in which a sensor is stuck in successive poses, of which only the first is used."""
     poses, sigma = stated.poses, stated.arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
         for first, last in constant_reading_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
@@ -384,8 +384,8 @@ def _without_each_reading(stated: Experiment) -> Iterator[Alternative]:
 def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
     """Find a step in one joint's readings; list its finding, and chi2/dof and dof after correction of the step.
 
-    `blind`: experiment that ignores the readings of the tested joint and of the joints `unsensed`. The list is empty if
-    there is no step. It is also empty if `blind` ignores none or several joints in addition to `unsensed`.
+    `blind`: experiment that ignores the readings of the joints `unsensed` and of one more joint, which is tested. The
+    list is empty if there is no step, or if `blind` does not ignore exactly one more joint.
     """
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:

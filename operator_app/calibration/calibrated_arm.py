@@ -112,8 +112,8 @@ class CalibratedArm:
     def rate_m_per_rad(self, joint: int, rates: dict[str, float], q_rad: FloatArray) -> FloatArray:
         """Return how far an error of a joint's fixed offset displaces the tip at m poses (m,), in metres per rad.
 
-        `rates`: change of each fitted parameter per rad of this error, by name. Of a parameter with one value for each
-        placement, the last placement's rate is used. `q_rad` (m, n): readings of the poses.
+        `rates`: change of each fitted parameter per rad of this error, by name. If a parameter has a value for each
+        placement, the rate of the last placement in `rates` is used. `q_rad` (m, n): readings of the poses.
         """
         plain = {name.partition("[")[0]: rate for name, rate in rates.items()}
         names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
@@ -137,8 +137,8 @@ MOST_POSES_SAMPLED = 100
 """Largest number of poses of a session, chosen evenly from all, for which a best table is computed."""
 
 NOTEWORTHY_SHARE = 0.9
-"""The tool's sigma without the uncertainty of parameters known from files is reported only if it is below this share of
-the total sigma."""
+"""The part of the tool's sigma that is due to the poses, and not to parameters known from files, is reported only if it
+is below this share of the total sigma."""
 
 RANGE_SAMPLES = 300
 """Number of poses over the joints' ranges; the rms over them is accurate to about 4 %."""
@@ -155,8 +155,8 @@ def hand_errors(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compare the tool position before and after calibration at m poses over the ranges of all joints.
 
-    Returns, in metres, the tool position from the calibrated parameters in the arm's base frame (m, 3), its distance
-    from the tool position from the arm file (m,), and the standard deviation of its error (m,).
+    Returns, in metres, the calibrated tool position in the arm's base frame (m, 3), its distance from the position that
+    the arm file gives (m,), and the standard deviation of its error (m,).
     """
     q = even_poses(arm)
     entries = (DhEntry.parse(name) for name in calibrated.identified)
@@ -324,7 +324,7 @@ def closure_in_use(
 
 
 def _with_last_link(rows: FloatArray, other: FloatArray, *, reference: FloatArray) -> DhTable:
-    """Return the table `rows` (5, n), with last-link entries from `other` where `other` and `reference` differ."""
+    """Return `rows` (5, n); entries of the last link in which `other` and `reference` differ are those of `other`."""
     rows, differ = rows.copy(), other[:, -1] != reference[:, -1]
     rows[differ, -1] = other[differ, -1]
     return DhTable.from_stacked(rows)

@@ -213,8 +213,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop that a document describes.
 
-    The first or last joint counts as unsensed if its offset was not identified. With opposite signs of a and alpha in
-    the adjacent link, the offset changes by pi, so `DhLoop.equivalents` omits such vectors if the joint is sensed.
+    The first or last joint counts as unsensed if its offset was not identified. Otherwise, `DhLoop.equivalents` would
+    omit the equivalent vectors that have opposite signs of a and alpha in the fixture's link and change this offset.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}

@@ -98,8 +98,8 @@ def with_angles_of_unsensed(arm: ArmModel, fixture: EndpointConstraint, poses: P
 class IdentifiableLoops(NamedTuple):
     """The loops to be fitted, and the parameters that the poses identify.
 
-    `model`: the loops with all unknowns or, if unidentifiable unknowns are to be dropped, the same as `identifiable`.
     `identifiable`: the loops with the unknowns that the poses identify. `unidentifiable`: names of the other unknowns.
+    `model`: the loops with all unknowns; without the unidentifiable ones if these are to be dropped.
     `q` (k, n): readings, rad, of the k poses on the main branch. `kept` (m,): mask of these poses.
     `paper`: the paper's estimate of `identifiable`; None with unsensed joints.
     """

@@ -89,9 +89,9 @@ def turned_unread(
 ) -> tuple[int, float] | None:
     """Return the joint that turned although its reading did not change, and its turn (rad); None if none did.
 
-    First, the loop is closed at `before_rad`. The same correction of the readings is added to `after_rad`, so that
-    placement errors cancel. Then the loop is closed at `after_rad`, with all `still` joints fixed, and again with each
-    single `still` joint free. A joint has turned if with this joint free the other corrections are much smaller.
+    The loop is closed at `before_rad`. Adding this correction of the readings to `after_rad` makes errors of the
+    placement cancel. From there, the loop is closed with all `still` joints fixed, and once with each of them free. A
+    joint has turned if the corrections of the other joints are much smaller while it is free.
 
     `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
     did not change.

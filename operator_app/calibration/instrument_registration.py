@@ -26,8 +26,8 @@ REGISTRATION_STEPS, LARGEST_STEP_RAD, NO_STEP = 25, 0.5, 1e-6
 in a step (rad), and step (rad, m) below which the iteration has converged."""
 
 POINT_ERROR_M, PRIOR_SIGMAS = 1e-3, 3.0
-"""Error of a point computed with the arm file's entries, and number of standard deviations in a tolerance. Both set the
-weight of the target's stated position, which poses with a single orientation of the tool do not determine."""
+"""Error of a point computed with the arm file's entries, and number of standard deviations in a tolerance. Both give
+the weight of the target's stated position, which is needed if the tool has the same orientation in all poses."""
 
 DIGITS = 4
 """Number of decimal places (m, rad) of a registered placement, which is only a start value of the calibration."""
@@ -124,10 +124,10 @@ def endpoints_at_nominal_base(
     solution: Solution,
     placements: Collection[int],
 ) -> PoseSet:
-    """Return the poses with the endpoints of `placements` moved rigidly, as if measured from the nominal station.
+    """Return the poses with the endpoints of `placements` converted, as if measured from the nominal station.
 
-    For this, the base's pose in each placement is fitted with the calibrated arm and target. A later fit to the
-    returned endpoints can then start from the nominal pose of the base, however far the instrument was moved.
+    For this, the pose of the arm's base in each placement is fitted with the calibrated arm and target. A later fit to
+    the returned endpoints can start from the nominal pose of the base, however far the instrument was moved.
     """
     part, columns, _ = solution.model.parts()[0]
     if poses.endpoint is None or not isinstance(part, MeasuredClosure):

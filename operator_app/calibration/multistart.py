@@ -111,10 +111,10 @@ def local_minimum_causes(
 ) -> tuple[Finding, ...]:
     """Return a finding if an estimate is implausibly far from nominal; it states whether another solution fits better.
 
-    `identified`: estimate of the identified parameters. `q`: readings (m, n) of the used poses, rad; None to look for
-    no other solution. Unless there is one, the fixture's placement may be anywhere.
+    `identified`: estimate of the identified parameters. `q`: readings (m, n) of the used poses, rad; None: no other
+    solution is sought. The fixture's placement may be far from nominal if no other solution is better.
     """
-    far = _far(_described(identified))
+    far = _far(_without_placements(identified))
     near_nominal, times = False, dict[str, float]()
     if far and q is not None:
         known = identified.values_by_name
@@ -197,7 +197,7 @@ OF_THE_SOLUTION = {
     FindingKind.PARALLEL_AXES,
     FindingKind.NOT_CONVERGED,
 }
-"""Causes that follow from the solution itself and cannot have made it diverge."""
+"""Kinds of causes that describe the solution itself, and cannot have made it diverge."""
 
 
 def has_diverged(
@@ -209,8 +209,8 @@ def has_diverged(
 ) -> bool:
     """Whether blocking `causes` made the solution diverge: a value is far from nominal, or too uncertain for any use.
 
-    `scale`: chi2/dof at stated variances, which must be too large unless another solution is the cause. `identified`:
-    estimate of the identified parameters. `anywhere`: names of parameters that may be far from nominal.
+    `scale`: chi2/dof at stated variances, which has to be too large, except if another solution is the cause.
+    `identified`: estimate of the identified parameters. `anywhere`: names of parameters that may be far from nominal.
     """
     # A local optimum counts as diverged even if it fits well.
     if not any(
@@ -220,7 +220,7 @@ def has_diverged(
         for c in causes
     ):
         return False
-    described = _described(identified)
+    described = _without_placements(identified)
     worthless = np.where(
         [p.is_angle for p in described.parameters], limits.USELESS_SIGMA_RAD, limits.USELESS_SIGMA_M
     )
@@ -237,6 +237,6 @@ def _limit(parameter: Parameter) -> float:
     return limits.FAR_FROM_NOMINAL_RAD if parameter.is_angle else limits.FAR_FROM_NOMINAL_M
 
 
-def _described(estimate: Estimate) -> Estimate:
+def _without_placements(estimate: Estimate) -> Estimate:
     """Return the estimate without parameters that belong to one of several placements."""
     return estimate.without([p.name for p in estimate.parameters if p.name.endswith("]")])

@@ -55,7 +55,7 @@ def is_elsewhere(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) 
 
 
 def _are_calibrated(new: PoseSet, made_from: PoseSet) -> bool:
-    """Whether the placements of `new` were calibrated with `made_from`: either all of its placements or one of them."""
+    """Whether all placements of `new` were calibrated: they are all those of `made_from`, or a single one of these."""
     known, states = made_from.placements, new.placements
     # Files have placement 1 by default: it stands for the only calibrated placement, whatever its number.
     if len(known) == 1 and states == (DEFAULT_PLACEMENT,):

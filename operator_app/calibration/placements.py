@@ -27,13 +27,13 @@ from solver.loops.endpoints import GROUND, PointClosure
 from solver.loops.placements import Placements
 
 SINGULAR_DISTANCE = 1e-10
-"""If an eigenvalue of a correlation matrix is below this share of the largest, its direction is left out of chi2."""
+"""Directions are left out of chi2 if their eigenvalue of the correlation matrix is below this share of the largest."""
 
 
 def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tuple[Finding, ...]:
     """Return findings of placements between which the fixture was not remounted.
 
-    Each finding names the parameter with the largest difference in standard deviations, and states that difference.
+    Each finding names the parameter with the largest difference (in standard deviations), and states this difference.
     `estimate` covers all unknowns of `model`. Stations of an instrument are not compared, since a further station adds
     no information about the arm.
     """

@@ -85,8 +85,8 @@ def joint_loops(
 ) -> JointLoops:
     """Return the loops of the poses of the calibration, `made_from`, and of new poses; flipped poses are left out.
 
-    `elsewhere`: the new poses may be in placements that were not calibrated. If they are without it, or if the
-    calibration has a parameter that this loop does not have, raises `ValueError`.
+    `elsewhere`: whether the new poses may be in placements that were not calibrated. Raises `ValueError` if it is false
+    and they are in such a placement, or if the calibration has a parameter that the loops do not have.
     """
     others = [k for k in new.poses.placements if k not in made_from.placements]
     if others and not elsewhere:

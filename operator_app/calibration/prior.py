@@ -43,8 +43,8 @@ class KnownArm:
 
     `names`: the k entries that are the same in every placement. `values` (k,) and `covariance` (k, k): rad and m.
     `ends`: offsets (rad, by name) that are measured from the fixture, averaged over the earlier placements.
-    `placement_ratio`: rms deviation of earlier placements from the nominal one, divided by the standard deviation that
-    the fixture's tolerance implies; at least 1.
+    `placement_ratio`: rms deviation of earlier placements from nominal, in standard deviations according to the
+    fixture's tolerance; at least 1.
     """
 
     names: tuple[str, ...]
@@ -182,7 +182,7 @@ class Innovation:
     shifts: Mapping[int, ShiftOfReading]
 
     def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
-        """Return the joints for which a shift `shift_rad` of the reading raises chi2 on average by less than `chi2`."""
+        """Return the joints (1-based) for which a shift `shift_rad` is expected to raise chi2 by less than `chi2`."""
         return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
 
 

@@ -131,7 +131,7 @@ _hints = cache(get_type_hints)
 
 
 def _key(field: dataclasses.Field[Any]) -> str:
-    """Name of a field in a record: the field's name or, for a renamed field, its name in earlier versions."""
+    """Name under which a record has a field: the field's name or, if it was renamed, its name in earlier versions."""
     return str(field.metadata.get("record", field.name))
 
 

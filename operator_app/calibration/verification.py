@@ -78,8 +78,8 @@ class VerificationResult:
     `odd_poses`: rows of the outliers, the worst first. An outlier deviates too much to be due to chance. If several
     rows repeat an outlier, only the first row is listed. Without any fault, 1 in 1000 pose sets has an outlier.
     `poses`: number of distinct poses.
-    `stated`: chi2 test in which no variance is below the stated one. The upper limit is multiplied by the larger of
-    `STATED_VARIANCE_FACTOR` and the chi2/dof of the accepted calibration.
+    `stated`: chi2 test with at least the stated variances. Its upper limit includes a factor: `STATED_VARIANCE_FACTOR`,
+    or the chi2/dof of the accepted calibration if that is larger.
     `shift`: common shift of one joint or the fixture in all new poses; None if there is none.
     `instrument`: whether an instrument measured the endpoints of the open arm, instead of a fixture.
     `others_fit`: whether the poses outside `odd_poses` pass the test `stated`, and there is no common shift.
@@ -139,7 +139,7 @@ def verify_poses(
 
     `made_from`: the calibration's poses, flipped ones included. They predict linearity deviation, sag and compliance.
     The test also looks for one shift common to all new poses. Rows that repeat a pose count once.
-    `elsewhere`: the new poses may be in other placements, estimated from these poses with all other parameters fixed.
+    `elsewhere`: the new poses may be in other placements, which they determine, with all other parameters fixed.
     Raises `ValueError` if the calibration has another fixture or another number of placements. Raises `NoTestError` if
     the new poses only suffice to locate their own socket or station.
     """

@@ -41,7 +41,7 @@ class LiveQuality:
     poses determined least; inf and () before the first estimate.
     `history`: number of poses and scaled condition number at each estimate, oldest first.
     `coverage`: lowest and highest captured angle of each joint, rad; empty without poses.
-    `predicted_m`: position closure error, m, by pose number, calculated with the last estimate made before this pose.
+    `predicted_m`: by pose number, the pose's position closure error, m, for the last estimate made before this pose.
     """
 
     needed: int

@@ -186,7 +186,7 @@ RESULTS_AS_FIGURES = (
     "chi2_per_dof", "stated_chi2_per_dof", "tip_sigma_mm", "best_table_tool_sigma_mm", "with_best_table",
     "with_corrections",
 )  # fmt: skip
-"""Keys whose value is null if the poses leave parameters undetermined."""
+"""Keys of figures, whose value is null if the poses leave parameters undetermined."""
 
 
 def unidentifiable_data(

@@ -38,7 +38,7 @@ Format = Callable[..., Figure]
 def formats(estimate: Estimate) -> Callable[[Valued], Format]:
     """Return a function that maps a parameter to its `Format`.
 
-    All angles have the same decimal places, so that the smallest sigma of an angle has two digits. Lengths likewise.
+    All angles have as many decimal places as the smallest sigma of an angle needs for two digits. Lengths likewise.
     """
     return formats_of(((p, sd) for p, _, sd in values_of(estimate)), most=MOST_PLACES)
 
@@ -46,7 +46,7 @@ def formats(estimate: Estimate) -> Callable[[Valued], Format]:
 def formats_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
 ) -> Callable[[Valued], Format]:
-    """Return a function from parameter to `Format`; 3 to `most` places show two digits of the least sigma, rad or m."""
+    """Return what `formats` returns, for parameters with these `sigmas` (rad or m); 3 to `most` decimal places."""
     return _formats(sigmas, partial(places_to_show, least=3, most=most))
 
 

@@ -238,7 +238,7 @@ def closure_row(
     """Return the row of closure sigmas called `name`.
 
     `key`: first part of the figures' keys in JSON; None leaves all figures out of JSON.
-    `reading`: if not empty, last part of the keys of the rms figures (instead of ``rms``); others are not in JSON.
+    `reading`: if not empty, JSON has the rms figures only, and the last part of their keys is `reading`, not ``rms``.
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad

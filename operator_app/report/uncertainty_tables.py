@@ -235,7 +235,7 @@ def posterior_data(solution: Solution) -> dict[str, Any]:
 
 
 def dh_rows_data(rows: FloatArray) -> list[dict[str, float]]:
-    """Return the links of a D-H table (5, n), kinds of entries by rows, as JSON: angles in deg, lengths in m."""
+    """Return a JSON object for each link of a D-H table (5, n), with rows in the order of `DhKind`; in deg and m."""
     keys = [f"{kind.symbol}_{'deg' if kind.is_angle else 'm'}" for kind in DhKind]
     in_json = [
         np.rad2deg(row) if kind.is_angle else row for kind, row in zip(DhKind, rows, strict=True)
@@ -244,7 +244,7 @@ def dh_rows_data(rows: FloatArray) -> list[dict[str, float]]:
 
 
 def _correction_data(c: ReadingCorrection) -> dict[str, Any]:
-    """Return a correction as JSON. Coefficients: deg; for gravity, deg/(N m) times kg and deg/(N m) times kg m."""
+    """Return a correction as JSON; coefficients in deg, those of gravity in deg kg/(N m) and deg kg m/(N m)."""
     data: dict[str, Any] = {
         "source": c.source,
         "joint": c.joint,

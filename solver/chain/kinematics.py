@@ -165,7 +165,7 @@ is an angle."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """Axes of C entries of a D-H table, about which (angles) or along which (lengths) the entries move later links.
+    """The axes about which (angles) or along which (lengths) C entries of a D-H table move the links after them.
 
     `frame`, `axis` (C,): index of the frame to which each axis belongs, and of the axis in this frame (0 for x, 1 for
     y, 2 for z). `turning`, `sliding`: indices of the entries that are angles, and of those that are lengths.

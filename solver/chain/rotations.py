@@ -47,7 +47,7 @@ def rotation_vector(R: FloatArray) -> FloatArray:
 def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
     """Return a row (m, 4) of ``4 q q'``, which is a multiple of the unit quaternion q of each rotation `R` (m, 3, 3).
 
-    The row is that of rows 1 to 3 with the largest diagonal element. `w` (m, 4): row 0.
+    Of rows 1 to 3 of this matrix, it is the one with the largest diagonal element. `w` (m, 4): row 0 of the matrix.
     """
     d = np.diagonal(R, axis1=-2, axis2=-1)
     k, every = np.argmax(d, axis=-1), np.arange(len(R))

@@ -11,7 +11,7 @@ from solver.design.paths import Leg
 from solver.design.stop_rule import WeakParameter
 
 NOISE_RAD = float(np.deg2rad(0.3))
-"""A joint that starts a move too close to an end of its range may come closer by this, because its reading drifts."""
+"""A joint whose move starts too close to an end of its range may come closer by this much, for noise of its reading."""
 TOLERANCE_RAD = float(np.deg2rad(8.0))
 """Largest deviation of readings from the predicted trace of a planned move."""
 

@@ -38,11 +38,11 @@ MOST_BLOCKED = 8
 MOST_UNREACHED = 12
 """Number of consecutive chosen poses that may have no path; one more ends the campaign."""
 EASIER_LEVERAGE = 0.7
-"""If no pose can be reached otherwise, leverage down to this share of the usual lower limit is accepted."""
+"""Share to which the lower limit of the drives' leverage (`MotionLimits`) is reduced if no pose can be reached."""
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
 """A new plan is made when a new estimate changes the predicted angles of the planned poses by more than this."""
 NEXT_TO_RAD = 0.5
-"""The last move to a captured pose starts at a candidate no farther from the pose than this (Euclidean, all joints)."""
+"""Largest distance (Euclidean, all joints) from a captured pose to the candidate where the last move to it starts."""
 
 BACK = "to a captured pose"
 
@@ -258,8 +258,8 @@ class Campaign:
     def _route(self, plan: PosePlan, target: int) -> tuple[Leg, ...] | None:
         """Return a path from the current pose to a candidate of `plan`; None if no safe path is found.
 
-        The path stays at least 80 % of the planning margin away from the ends of the ranges. Candidates stay the whole
-        margin away, but on the way between two of them a joint may come nearer to an end than at either.
+        The path keeps at least 80 % of the planning margin to the ends of the ranges. Candidates keep the whole margin,
+        but on the way from one to the next, a joint may come nearer to an end than at both.
         """
         return plan.graph.route(
             self.task.ranges.within(0.8 * np.asarray(self.task.margin_rad)),

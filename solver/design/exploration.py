@@ -28,7 +28,7 @@ RAY_MARGIN_RAD = float(np.deg2rad(5.0))
 """Smallest allowed distance of every joint from the ends of its range."""
 MOST_RATE = 2.5
 """Largest allowed ratio of a passive joint's motion to that of the drives: a larger ratio shows a singularity nearby.
-The limit is raised to 1.3 times the ratio at the start if this is larger, but at most to twice this constant."""
+If 1.3 times the ratio at the start is larger, it is the limit instead, up to twice this constant."""
 
 
 @dataclass(slots=True)

@@ -15,8 +15,8 @@ from solver.design.d_optimal import PoseInformation
 from solver.estimators.least_squares import column_scale
 
 UNDETERMINED_SHARE = 1e-12
-"""Directions whose scaled information is below this share of the largest are not determined. The share is above the
-rounding errors, which are about 1e-13 after the elimination of the effects."""
+"""A direction with less scaled information than this share of the largest is undetermined. Rounding errors are smaller,
+about 1e-13 after the elimination of the effects."""
 
 WORTHWHILE_SHARE = 0.05
 """More poses are worth taking if together they reduce the largest ratio of sigma to request by at least this share."""

@@ -17,11 +17,11 @@ from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, STEP_EDGE_POSES
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
 AT_POSES = 0.4
-"""False-alarm rate of a test for steps at poses only, divided by the rate of the continuous statistic; simulated for 10
-to 300 poses."""
+"""False-alarm rate of the test, whose steps are at poses, divided by the rate for steps at any time (`step_threshold`).
+Simulated for 10 to 300 poses."""
 
 FREE = 1e-7
-"""A step is detectable only if the fit leaves at least this share of the sum of squares of the step's column."""
+"""A step is detectable only if, after the fit, at least this share of the sum of squares of its column remains."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +52,7 @@ def steps(
     """Return the most significant step of each suspect, in order of significance.
 
     `residuals`: whitened residuals of the fit, poses in time order.
-    `low_noise`: residuals whitened with smaller noise, used for steps by lost counts.
+    `low_noise`: residuals whitened with smaller noise, used for steps of a joint's reading.
     `scale`: ratio of the actual variances to the variances of the fit. Chi2 is divided by this ratio.
     """
     m = len(residuals.white)
@@ -112,14 +112,13 @@ def _sums_from_each_pose(values: FloatArray) -> FloatArray:
 def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
     """Return the value that the largest chi2 over all poses exceeds by chance with probability `false_alarm`.
 
-    At each pose, chi2 is the square of a standardised Brownian bridge in d = `dof` dimensions. A step has at least the
-    share h = `STEP_EDGE_POSES` / `poses` of the poses before it, and at least the same share after it. The maximum of
-    chi2 has the tail (Csorgo & Horvath 1997, eq. 1.3.26)
+    If there is no step, chi2 as a function of the step's pose behaves like the square of a standardised Brownian bridge
+    in d = `dof` dimensions. At least the share h = `STEP_EDGE_POSES` / `poses` of the poses is before the step, and the
+    same share after it. If a step may be at any time, the maximum of chi2 has the tail (Csorgo & Horvath 1997, 1.3.26)
 
-        P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
-        where T = log((1-h)^2 / h^2).
+        P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),   T = log((1-h)^2 / h^2).
 
-    More than half of the maxima that the formula counts are between two poses. `AT_POSES` corrects for such maxima.
+    More than half of the cases in which the maximum exceeds x are between two poses. `AT_POSES` corrects for them.
     """
     from scipy.special import chdtri, gammaln
 

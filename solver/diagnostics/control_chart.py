@@ -4,11 +4,11 @@ Source: NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) 
 process by a check standard: within- and between-session standard deviations).
 
 As there is no long history, the limits follow from the scatter within a baseline of earlier sessions. The baseline
-omits the last `RECENT` sessions if enough others remain, so that it does not contain a recent shift. Few sessions
-determine a variance poorly. So each quantity's observed variance is averaged with an expected one, which has the weight
-of `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). This expected variance is the stated one times the ratio
-of observed to stated variances over all quantities. The EWMA gets nearly all of the false-alarm probability, as
-outliers affect averages less.
+omits the last `RECENT` sessions if enough others remain, so that it does not contain a recent shift. The few sessions
+of a baseline determine a variance poorly. So each quantity's observed variance is averaged with an expected variance of
+weight `PRIOR_DOF` (Smyth 2004, "moderated t"). The expected variance is the stated one times a common factor: the ratio
+of observed to stated variances over all quantities. The EWMA gets nearly all of the false-alarm probability, because
+outliers affect an average less than a single value.
 """
 
 from collections.abc import Sequence
@@ -30,8 +30,8 @@ LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook recommends 0.2 to 0.3."""
 
 PRIOR_DOF = 8.0
-"""Weight, in degrees of freedom, of the ratio of observed to stated scatter over all quantities. The ratio of a single
-quantity differs from this common ratio by about 25 %."""
+"""Weight, in degrees of freedom, of a quantity's expected variance (see the module). The ratio of observed to stated
+scatter of a single quantity differs from the ratio over all quantities by about 25 %."""
 
 SHEWHART_SHARE = 0.1
 """Probability of a false alarm in the Shewhart chart divided by that in the EWMA chart. Shifts of six times the scatter

@@ -182,8 +182,8 @@ def predicted_residuals(
 ) -> WhitenedResiduals:
     """Return the residuals of the `later` poses (mask (m,)) against their prediction from the other poses of `fit`.
 
-    `given`: values (h,) and covariance (h, h) of the h parameters without a prior, used for the prediction instead of
-    the other poses. The values are relative to the linearisation point.
+    `given`: values (h,), relative to the linearisation point, and covariance (h, h) of the h parameters without a
+    prior. If `given` is not None, the prediction is from these values instead of the other poses.
     """
     width, flat = fit.design.width, fit.design.flat_count
     gram, right = np.zeros((width, width)), np.zeros(width)
@@ -225,10 +225,10 @@ def shifted(
     *,
     variance_factor: float = 1.0,
 ) -> CommonShift | None:
-    """Return the most significant shift of one subject that is the same in all poses; None if none is significant.
+    """Return the most significant shift of a single subject, equal in all poses; None if no shift is significant.
 
-    `subjects`: what may have shifted (a joint or a half of the fixture), by name. The value (m, r, c) is the change of
-    each pose's r misclosures per unit of each of the shift's c components.
+    `subjects`: what may have shifted (a joint or a half of the fixture), by name; the value (m, r, c) is the change of
+    each pose's r misclosures per unit of each of the c components of the shift.
     `variance_factor`: largest ratio of actual variances to those of `residuals`.
     """
     shifts = []

@@ -136,12 +136,12 @@ def diagnose(
 def _residual_tests(
     faults: FaultModels, residuals: WhitenedResiduals, low_noise: WhitenedResiduals
 ) -> tuple[Outliers, list[HypothesisTest]]:
-    """Search for outliers and steps in `residuals`, which are whitened by the noise of the fit.
+    """Search for outliers and steps; return the outliers, the test for them, and the test of the most significant step.
 
-    Steps of a joint's reading are searched for in `low_noise`, which is whitened by less motion noise if the poses show
-    less. Steps of the geometry are searched for in `residuals`, because badly modelled deflections look like steps of
-    the geometry. The noise is not scaled down if the residuals are small, because one sensor may exceed its
-    specification while most errors are smaller than stated.
+    Outliers and steps of the geometry are searched for in `residuals`, which are whitened by the noise of the fit.
+    Steps of a joint's reading are searched for in `low_noise`, with smaller motion noise if the poses show less. In
+    these, badly modelled deflections would look like steps of the geometry. Noise is not scaled down to the size of the
+    residuals: one sensor may exceed its specification while most errors are smaller than stated.
     """
     outliers = find_outliers(residuals)
     worst = steps(residuals, faults.changes(), low_noise=low_noise)[:1]
@@ -181,7 +181,7 @@ def _changes(
 ) -> Iterable[Candidate]:
     """Yield candidates for step changes at some pose, then for the 1, 2, 3 most probable outliers and all of them.
 
-    `outliers`: the outliers if the noise is as large as stated.
+    `outliers`: result of the search for outliers with the noise as large as stated.
     """
     scale = float(noise_scale(residuals.chi2, residuals.dof))
     for step in steps(residuals, faults.changes(), scale=scale):

@@ -45,7 +45,7 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor from its best-fit line (`from_line`) or from the true angle, and its sigma, rad."""
+    """A sensor's largest deviation and its sigma, rad: from the best-fit line if `from_line`, else from the angle."""
 
     peak: float
     sd: float
@@ -71,15 +71,15 @@ class Candidate:
     `subject`: the joint, arm file entry or half of the fixture that is concerned.
     `columns` (m, r, c): derivatives of the r misclosures of each pose with respect to the coefficients.
     `expected_size` (c,): expected magnitudes of the coefficients.
-    `own` (p,): indices of the poses concerned if each of p poses has c coefficients of its own. `columns` is then
-    (p, r, c), and `expected_size` is (p * c,). None if the same c coefficients apply to all poses.
-    `places`: number of possible places (e.g. poses) of the fault. The prior is divided by this number.
+    `own` (p,): None if the same c coefficients apply to all poses. Otherwise, each of p poses has c coefficients of its
+    own, `own` are the indices of these poses, `columns` is (p, r, c), and `expected_size` is (p * c,).
+    `places`: number of places (e.g. poses) at which the fault may be; the prior probability is divided by it.
     `poses`: poses concerned, indices in time order; empty if all poses are concerned.
     `most`: largest credible magnitude (rms) of the coefficients, in units of `expected_size`.
-    `shapes` (m, c): coefficients b change the readings by ``shapes @ b``, rad; None if b itself is the deviation.
-    `least`: smallest deviation (rms) that counts as a cause if the files do not limit the deviation.
-    `most_stated`: limit of the deviation by the files; 0 if they state none. A deviation counts as a cause only if it
-    exceeds the limit by more than `CERTAIN_SIGMAS` of its standard deviations.
+    `shapes` (m, c): coefficients b change the readings by the deviation ``shapes @ b``, rad; None: b is the deviation.
+    `most_stated`: limit that the files state for the deviation, or 0. A deviation counts as a cause only if it exceeds
+    the limit by more than `CERTAIN_SIGMAS` of its standard deviations.
+    `least`: smallest deviation (rms) that counts as a cause if the files state no limit.
     `measured`: linearity deviation of the sensor as measured by loops that do not use its readings; None if unknown.
     `lines` (m, 2): orthonormal basis of the straight lines over the readings, i.e. of an offset and a gain error.
     `entries`: for a slip of the fixture or a changed length, the parameter that each column changes; otherwise empty.
@@ -129,9 +129,9 @@ class Candidate:
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
         """Return the sensor's largest deviation over the poses, with its standard deviation.
 
-        There are two candidates: the deviation from the true angle, and the deviation from the best-fit line, which
-        takes up the gain error. The second is `measured`, if that is known. The candidate that exceeds `most_stated` by
-        more sigmas is returned. But if `measured` certainly exceeds `most_stated`, it is returned in any case.
+        It is the deviation from the true angle, or from the best-fit line (whose slope is the gain error): whichever
+        exceeds `most_stated` by more sigmas. The deviation from the line is `measured`, if that is known. If `measured`
+        certainly exceeds `most_stated`, it is returned in any case.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

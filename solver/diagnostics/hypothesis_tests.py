@@ -170,8 +170,8 @@ OUTLIER_SEARCH_STEPS = 100
 """Approximate upper limit of the number of steps in which poses are set aside."""
 
 SET_ASIDE_SHARE = 0.5
-"""A pose is set aside together with the worst pose if its excess over the threshold is at least this share of the worst
-pose's excess."""
+"""A pose is set aside together with the worst pose if its chi2 exceeds the threshold by at least this share of the
+amount by which the worst pose's chi2 does."""
 
 FREE = 1e-6
 

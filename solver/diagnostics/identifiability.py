@@ -31,8 +31,8 @@ LEAST_MOTION_DEG = 0.05
 
 TREND_POINTS = 10
 TREND_FLOOR = 1e-12
-"""The trend has a point only where the ratio of smallest to largest eigenvalue of the normal equations is at least this
-(scaled condition number at most 1e6)."""
+"""Smallest ratio of smallest to largest eigenvalue of the normal equations for a point of `Identifiability.trend`. The
+scaled condition number is then at most 1e6."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,10 +177,10 @@ def _observability(s: FloatArray, poses: int) -> tuple[float, float, float, floa
 
 
 def _sparse_basis(null: FloatArray) -> FloatArray:
-    """Basis of the row space of `null` (k, P), made sparse by Gauss-Jordan elimination with pivoting.
+    """Return a sparse basis (k, P) of the space spanned by the k null vectors `null` (k, P) of the Jacobian.
 
-    A raw null vector mixes all unidentifiable directions; pivoting separates directions that share no parameter, so
-    that each can be named.
+    A null vector may mix all unidentifiable directions. Gauss-Jordan elimination with pivoting separates directions
+    that share no parameter, so that each can be named.
     """
     basis = null.copy()
     for row in range(len(basis)):
@@ -203,9 +203,9 @@ def _immobile_offsets(
 ) -> tuple[UnidentifiableDirection, ...]:
     """Return a direction for each immobile joint whose offset is in none of the `known` directions.
 
-    Only exact link lengths distinguish the offset of an immobile joint from the rest of the geometry. The rank may then
-    be full, and the scaled condition number low (9.6 in one example). But a length error of a millimetre looks like an
-    error of the offset, so the offset is reported as unidentifiable.
+    If link lengths are taken as exact, the poses seem to determine such an offset: the rank may be full, and the scaled
+    condition number low (9.6 in one example). But a length error of a millimetre looks like an error of the offset, so
+    the offset is reported as unidentifiable.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(

@@ -92,9 +92,9 @@ POSE_CHI2_UNPREDICTED = 20.0
 fault, the largest chi2 was 10."""
 
 POSE_CHI2_RATIO_UNPREDICTED = 6.0
-"""A new pose counts as unpredicted only if its chi2 is also this many times the largest chi2 of the earlier poses,
-which is large if errors exceed the stated ones. With errors three times as large as stated, 4 of 100 planned sessions
-without a fault repeat their first pose; with errors as stated, none does."""
+"""A new pose counts as unpredicted only if its chi2 is also more than this many times the largest chi2 of the earlier
+poses, which is large if errors exceed the stated ones. After an unpredicted pose, a session repeats the first. This
+happened in 4 of 100 planned sessions without a fault if errors were three times the stated ones, otherwise never."""
 
 # Sigmas and ratios of standard deviations
 
@@ -118,8 +118,8 @@ COARSE_SIGMA_M = 0.01
 """A parameter whose sigma is larger than this is reported."""
 
 MOTION_NOISE_LEAST_SHARE = 0.2
-"""Motion noise of fixture and joints is assumed to be at least this share of the stated standard deviation. The poses
-do not determine it more precisely, and a stated value is hardly ever five times too large."""
+"""Smallest assumed motion noise of fixture and joints (deflection and play that do not repeat at a pose), as a share of
+the stated value. Poses do not determine it more precisely, and a stated value is hardly ever five times too large."""
 
 STATED_VARIANCE_SHARE = 0.1
 """Share of a stated variance that is kept if the poses show a smaller variance: elsewhere in the workspace, the
@@ -201,7 +201,7 @@ SATURATED_POSES = 3
 """Readings count as saturated if at least this many are within `SATURATED_SIGMAS` of the same end of full scale."""
 
 RADIANS_SPAN_RAD = np.deg2rad(5.0)
-"""A joint does not move if its readings span less than this even when taken as radians."""
+"""Readings may be in radians only if, taken as radians, they span more than this: otherwise the joint does not move."""
 
 MOTION_SPREAD_SIGMAS = 6.0
 MOTION_SPREAD_RAD = np.deg2rad(0.05)
@@ -250,16 +250,16 @@ STUCK_JOINT_TURN_RAD = np.deg2rad(3.0)
 `STUCK_JOINT_CORRECTION_RAD`."""
 
 STUCK_JOINT_CORRECTION_RAD = np.deg2rad(0.5)
-"""The loops determine the joint's angles only if corrections of the other joints no larger than this (rms) close the
-loops without the joint's reading."""
+"""The angles of a joint with a constant reading are known only if the loops close without this reading, and with
+corrections of the other readings (rms) no larger than this."""
 
 STUCK_JOINT_CORRECTION_RATIO = 4.0
 """A joint has turned without a change of its reading if the corrections that close the loop are smaller by this factor
 with the joint free than with the joint at rest, and if `STUCK_JOINT_MOTION_SHARE` is reached as well."""
 
 STUCK_JOINT_MOTION_SHARE = 0.1
-"""With the joint at rest, the corrections have to be at least this share of the change of the readings. Smaller
-corrections may be due to a roughly known placement. With a ball, the loop hardly overdetermines a joint's rotation."""
+"""Smallest corrections that close the loop with the joint at rest, as a share of the change of the readings. Smaller
+ones may be due to an inexact placement, above all with a ball, whose loop hardly overdetermines a joint's rotation."""
 
 STEP_RESIDUAL_SHARE = 0.25
 """A joint's reading has a step if a fitted step leaves at most this share of the sum of squares that a smooth curve

@@ -42,7 +42,7 @@ class Explanation:
     `b` (c,): the c coefficients of the fault.
     `covariance` (c, c): covariance of `b`; only the variances (c,) if each pose has coefficients of its own.
     `moved` (P,): change of the parameters when the fault is fitted, rad and m.
-    `probability`: probability among all causes that are compared; 0 as long as none are.
+    `probability`: probability among all causes that are compared; 0 before the comparison.
     """
 
     candidate: Candidate

@@ -69,9 +69,9 @@ def rvdt_verdicts(
 
     `model`: loop in one placement of the fixture. The RVDTs' joints are unsensed, so their readings are not used.
     `errors`: stated errors of all other sources, which would otherwise look like noise of the RVDT.
-    `calibrated`: fit of these poses that used the RVDTs' readings. The fit without them starts from its parameters, and
-    takes over the variances of the other sources. A variance below its start value is replaced by the start value,
-    because the first fit may have attributed part of this error to the RVDT.
+    `calibrated`: fit of these poses that used the RVDTs' readings. The fit without these readings starts from the same
+    parameters, and uses the same variances of the other sources. A variance below its start value is replaced by the
+    start value, because `calibrated` may have attributed part of this error to the RVDT.
     `noise`: noise of single readings by joint (1-based), if known.
     `samples`: number of readings averaged at each pose (m,).
     """

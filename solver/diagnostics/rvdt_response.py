@@ -108,7 +108,7 @@ TABLE_POINTS = 25
 GRID_POINTS = 201
 
 LEAST_BEND = 3
-"""Degree of the simplest curve with a bow and an S."""
+"""Degree of the polynomial that gives the uncertainty of a straight line, because a line may hide a curvature."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -237,7 +237,7 @@ def _table(curve: SmoothCurve, of_points: LoopAngle) -> FloatArray:
 
 
 TERMS = 200
-"""Number of terms of the rounding series; the omitted rest is below 1e-3 LSB^2 even without any noise."""
+"""Number of terms of the series in `spread_of`; the omitted rest is below 1e-3 LSB^2 even without any noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,7 +1,7 @@
 """Compares stated errors with the errors that the poses show: motion noise, exceeded specifications, scales.
 
-Motion noise is usually smaller than stated. Files state upper limits, and most of a fixture's deflection and of a
-joint's play repeats at the same pose.
+Motion noise is the part of the fixture's deflection and of the joints' play that does not repeat at the same pose. It
+is usually smaller than stated: files state upper limits, and most of the deflection and play repeats.
 """
 
 from dataclasses import dataclass
@@ -27,8 +27,8 @@ def with_estimated_motion_noise(fit: LinearFit) -> LinearFit:
     """Return `fit` with smaller motion noise of fixture and joints if the poses show less noise than stated.
 
     The stated variances of the fixture are multiplied by one factor, those of the joints by another. The factors
-    follow from one scoring step of the restricted likelihood at the stated variances. The step is exact if all noise is
-    of one kind. Sensor noise is unchanged: less motion noise implies nothing about single readings.
+    follow from one scoring step of the restricted likelihood at the stated variances. The step would be exact if there
+    were no other noise. Sensor noise is unchanged: less motion noise implies nothing about single readings.
     """
     design, stated = fit.design, fit.design.stated_variances()
     of_each = ([design.index[n] for n in names if n in design.index] for names in MOTION_NOISE)
@@ -85,7 +85,7 @@ def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]
     """Return the sources of error that certainly exceed their stated sizes.
 
     A variance v estimated with standard error s is taken as chi2-distributed with ``2 v^2 / s^2`` degrees of freedom
-    (Satterthwaite). The smallest ratio of actual to stated size is the most plausible, and comes first.
+    (Satterthwaite). The smallest excess comes first, because it is the most plausible.
     """
     design, v = fit.design, fit.v
     stated = design.stated_variances()

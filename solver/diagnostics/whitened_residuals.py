@@ -23,7 +23,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.estimators.linear_fit import inverse_root
 
 FREE = 1e-9
-"""A direction counts as already fitted if the fit leaves less than this share of its sum of squares."""
+"""A direction counts as already fitted if less than this share of its sum of squares remains after the fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -141,7 +141,7 @@ class PoseNoise:
         self.moved = np.asarray(residuals.to_x @ self._shift)
 
     def coefficients(self) -> tuple[FloatArray, FloatArray]:
-        """Return the most likely b (p * c,), the c coefficients of one pose after those of another, and variances."""
+        """Return the most likely coefficients b (p * c,), pose by pose, and their variances (p * c,)."""
         back = np.swapaxes(self._L_inverse, -1, -2)
         p, c, _ = back.shape
         b = back @ self._b.reshape(p, c, 1)

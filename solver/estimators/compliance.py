@@ -1,13 +1,14 @@
 """Gravity's torque on every joint, and the displacements of a fixture of unknown compliance.
 
-Each half of a fixture has an unknown compliance matrix C. It is symmetric, positive definite and constant in the half's
-own axes. The model is C = S M S. S is diagonal; its elements s_i have one value for angles and another for positions. M
-is random, with mean I and the second moments of a Wishart matrix of nu degrees of freedom,
+A fixture has two halves, one on the table and one on the tool. The compliance matrix C of each half is unknown, but
+symmetric, positive definite and constant in the half's own axes. The model is C = S M S. S is diagonal; its elements
+s_i have one value for angles and another for positions. M is random, with mean I and the second moments of a Wishart
+matrix of nu degrees of freedom. With d_ij = 1 if i = j, otherwise 0, these second moments are
 
-    E[M_ik M_jl] = d_ik d_jl + (d_ij d_kl + d_il d_kj) / nu,        d_ij = 1 if i = j, otherwise 0.
+    E[M_ik M_jl] = d_ik d_jl + (d_ij d_kl + d_il d_kj) / nu.
 
-The wrench on the fixture at pose p is W(p) z, where z ~ N(0, I) are the errors of the stated masses and centres. So
-the displacements C W z at two poses p and p' have the covariance
+At pose p, the wrench on the fixture is W(p) z and displaces a half by C W(p) z. z ~ N(0, I) are the errors of the
+stated masses and centres. The displacements (components i and j) at two poses p and p' have the covariance
 
     s_i s_j (G_ij + (d_ij sum_k G_kk + G_ji) / nu),     G = S W(p) W(p')' S.
 """
@@ -32,10 +33,10 @@ WISHART_DOF = 6.0
 class FixtureLoads:
     """Loads on a fixture at m poses, due to errors of the stated masses and centres of mass.
 
-    `pull` (m, k, a): ``S W`` of the module's docstring along k closure components, in the frame of the deflection. Each
-    of the a columns is for one error and one possible set of joints in position mode.
+    `pull` (m, k, a): product ``S W`` (see the module) along k closure components, in the frame of the deflection. There
+    is one column for each pair of an error and a possible set of joints in position mode.
     `halves`: for each half of the fixture, its share of the deflection's standard deviation, and the rotation (m, k, k)
-    from its axes to the frame of the deflection (None if the two coincide). Rotations commute with S.
+    from the half's axes to the frame of the deflection (None if the two coincide). Such rotations commute with S.
     """
 
     pull: FloatArray
@@ -52,7 +53,7 @@ def compliance_sizes(stated_deflection: tuple[float, float], *, rotations: int) 
 
     `stated_deflection`: rms of each rotation, give_rad, and of each translation, give_m. `rotations`: number of closure
     components that are rotations, 3 or 0. Let a and b be the squares of the elements of S for angles and for positions.
-    Summed over three components, the variances of the module's docstring (which explains S and nu) are
+    S and nu are explained in the module. The variances of the rotations and those of the translations have the sums
 
         a^2 (1 + 4 / nu) + 3 a b / nu = 3 give_rad^2,   b^2 (1 + 4 / nu) + 3 a b / nu = 3 give_m^2.
     """
@@ -160,9 +161,9 @@ class ArmPoses:
 
 
 def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
-    """Return the torque changes (m, n, 4 n), N m, for errors of one sigma in each link's mass and centre x, y, z.
+    """Return the changes of gravity's torques (m, n, 4 n), N m, for an error of one sigma in each mass and centre.
 
-    `rates` (m, n, n, 4): result of `torque_rates` for the stated direction of gravity.
+    The 4 n errors are the mass and the centre x, y, z of every link. `rates` (m, n, n, 4): result of `torque_rates`.
     """
     m, n = rates.shape[:2]
     # One product for each link: all joints at all poses with its moments.

@@ -4,10 +4,11 @@ At one linearisation the reduced closure of all poses reads
 
     w + A dx + Z b + B n + E' f = 0,     n ~ N(0, S),  f ~ N(0, F),  b_l ~ N(0, g_l I),
 
-with w the misclosure including expected play and sag, dx the steps of the parameters without a prior, n and f the noise
-of joints and fixture, and b_l the coefficients of the effects in group l. Noise is independent from pose to pose. An
-effect has one coefficient for all poses: a deviation of a D-H entry or analogue sensor, a harmonic of an encoder, or a
-function of the pose for play, sag or deflection. `solver.estimators.layout` relates g_l to variance components.
+w is the misclosure, including expected play and sag. dx are the steps of the parameters without a prior, A their
+columns. b are the coefficients of the effects, Z their columns; those of group l have the variance g_l, a function of
+variance components (`solver.estimators.layout`). n is the noise of the joints, f that of the fixture. Noise is
+independent from pose to pose; an effect has one coefficient for all poses. Effects are deviations of D-H entries and
+analogue sensors, harmonics of encoders, and functions of the pose for play, sag and deflection.
 """
 
 from __future__ import annotations
@@ -81,9 +82,9 @@ class NoiseSources:
 
     `names`: the sources. `component` (s,): index of the variance component that scales each source; -1 for none.
     `rates` (s, m, n + k): variance of each source if its component is 1; the variance itself if it has no component.
-    `missed` (s,): whether the source is the part of play that the columns of the effect "play" leave out. The variance
-    component of this effect scales the noise as well, but by no more than 1. The component is not estimated from the
-    noise, because joints rest on the same side each time.
+    `missed` (s,): true for the part of play that the columns of play leave out. The variance component of these columns
+    scales this part as well, but by at most 1. The component is estimated from the columns only: a joint rests on the
+    same side of its play each time, so this part does not scatter like noise.
     `estimated` (c,): indices of the components that are estimated from the noise.
     `derivatives` (m, n + k, c): derivatives of the noise's variance with respect to the components in `estimated`.
     """
@@ -214,8 +215,8 @@ class LinearModel(Layout):
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
         """Return the equations `system` of these `poses`, whitened with the noise at variances `v` (K,).
 
-        `root`: standard deviation of the coefficient of each effect, by which the effect's column is multiplied. Raises
-        `PosesDoNotFitError` (see `whitener`).
+        `root` (f,): standard deviations of the coefficients of the f effects. Each effect's column is multiplied by its
+        standard deviation. Raises `PosesDoNotFitError` if poses are far from closing (see `whitener`).
         """
         C, noise = system.noise_columns, self.noise_sources(poses).total(v)
         V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)
@@ -285,9 +286,9 @@ class State:
 
 
 class Linearisation:
-    """The equations of `design`, linearised at `state`. They are computed for some poses at a time, to save memory.
+    """The equations of the model `design`, linearised at `state`, and computed for some poses at a time to save memory.
 
-    The equations of the last slice of poses are kept. So if one slice covers all poses, they are computed only once.
+    The equations of the last requested slice of poses are kept, so a slice of all poses is computed only once.
     """
 
     def __init__(self, design: LinearModel, state: State) -> None:

@@ -18,7 +18,7 @@ from solver.chain.sensors import DITHER, Rvdt, SensorCurve
 from solver.estimators.load_effects import LoadBasis
 
 SD_OF_PEAK = 0.5
-"""Sigma of a `SensorCurve`'s coefficients for which the curve's peak is about 1; for a sigma of 1 it is about 2."""
+"""Sigma of the coefficients of a linearity deviation (`SensorCurve`), divided by the peak of the deviation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -182,10 +182,10 @@ def distance_and_rates(
 def distance_rows(
     distances: Sequence[MeasuredDistance], parameters: Sequence[Parameter], x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the misclosures (k,) of k `distances` at x (P,), divided by their uncertainties s, and derivatives (k, P).
+    """Return the misclosures (k,) of k `distances` at x (P,) and their derivatives (k, P), each divided by its sigma s.
 
-    The equation of a distance d from point p_a to p_b is ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s = 0``, with
-    ``u = (p_b - p_a) / d``.
+    The linearised equation of a distance d from point p_a to p_b is ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s =
+    0``, where dp_a and dp_b are the steps of the points, and ``u = (p_b - p_a) / d``.
     """
     index = {p.name: k for k, p in enumerate(parameters)}
     w, rows = np.zeros(len(distances)), np.zeros((len(distances), len(x)))

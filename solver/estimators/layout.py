@@ -36,11 +36,11 @@ LEAST_CURVE = 0.1
 """Smallest linearity deviation of an analogue sensor, as a share of its specification."""
 
 SPECIFICATION_DOF = 4
-"""Weight of a sensor's specification of linearity or gain, in degrees of freedom. Poses determine few of the
-coefficients, which imply little about the magnitude of the others."""
+"""Weight of a sensor's specification of linearity or gain, as degrees of freedom of an estimate of the variance. It is
+needed because poses determine only a few coefficients of the deviation, too few for a reliable variance."""
 
 DEFLECTION_RAISE_LIMIT = 5e-4
-"""Deflection (rad, m) to which one step may raise the estimate. If the misfit is large, the search starts there."""
+"""One step of the search may raise the deflection to this (rad, m). If the misfit is large, the search starts here."""
 
 LARGEST_SCALE = 10.0
 """Largest errors of lengths, twists and encoders, play and sag, in units of the stated errors. Larger errors are a
@@ -53,16 +53,16 @@ UNIT_DISCREPANCY = 1e-3
 """Unit of the discrepancy: 1 mm and 1 mrad."""
 
 NON_REPEATABLE_SHARE = 0.4
-"""Share of a stated deflection or play that does not repeat at the same pose. The whole stated value enters once more
-as the repeatable part (smooth in the pose, or on one side of a joint). The data determine the non-repeatable part
-well and the repeatable part poorly, so each part has its own scale."""
+"""Standard deviation of the part of deflection or play that does not repeat at the same pose, as a share of the stated
+value. The part that repeats has the whole stated value. Each part has a scale of its own, because the poses determine
+the scale of the first part well and that of the second poorly."""
 
 UNMODELLED = "unmodelled"
-"""Variance component of the part of sag and deflection that the effects' columns omit. It acts like noise and is at
-most as large as stated; the scatter of the poses shows how much smaller it is."""
+"""Variance component of the part of sag and deflection that the effects' columns omit. This part is modelled as noise.
+It is at most as large as stated, and estimated from the scatter of the poses."""
 
 LEAST_UNMODELLED = 0.1
-"""Smallest variance of the unmodelled part, as a share of its stated variance: a smooth function hardly scatters."""
+"""Lower limit of `UNMODELLED` (1: as stated): a part that is smooth in the pose scatters less than its size."""
 
 FIXTURE_NOISE = ("fixture_rad", "fixture_m")
 """Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
@@ -73,15 +73,15 @@ DEFLECTION_COLUMNS = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VarianceComponent:
-    """One variance v to be estimated. The defaults suit a v that is the ratio of a variance to the stated one.
+    """One variance v to be estimated. With the default fields, v is the ratio of a source's variance to the stated one.
 
     `start`: value at which the search starts. `stated`: value that the files state.
     `floor`, `ceiling`: limits of v. `raise_limit`: value to which one step may raise v, however small v is.
     `scaled`: whether v has a log-normal prior with median `start` (method, section 10): v stays near `start` unless the
     poses determine it.
     `prior_scale`: if finite, v has a prior density proportional to exp(-v / (2 prior_scale)).
-    `spread_variance`, `spread_dof`: another estimate of v, and its degrees of freedom. It is from the spread of the
-    samples within each pose, or from a specification.
+    `spread_variance`, `spread_dof`: an estimate of v from the spread of the samples within each pose or from a
+    specification, and the degrees of freedom of this estimate.
     """
 
     name: str
@@ -140,7 +140,7 @@ class Layout:
     of them beforehand. The other columns belong to effects; a parameter with a tolerance counts as an effect.
     `column` (P,): column of each parameter. `index`: index of each component by name.
     `floors`, `ceilings`, `raise_limits`, `scaled` (K,): values of these fields of all `VarianceComponent`s.
-    `test_floors` (K,): lower limits of the variances of noise for tests of single readings.
+    `test_floors` (K,): smallest variances of noise with which single readings are tested.
     `expected` (m, n): expected sum of play and sag, rad. `deflection` (k,): the fixture's stated deflection, rad, m.
     `loaded`: effects of load on the fixture; None if unknown or zero.
     """
@@ -407,10 +407,7 @@ class Layout:
         return np.asarray(np.clip(v, self.floors, self.ceilings))
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """Return the variances (K,) that the files state.
-
-        For the fixture's placement, it is the larger of the stated variance and the variance in `v` (K,).
-        """
+        """Return the stated variances (K,); for the fixture's placement the one in `v` (K,) if that is larger."""
         stated = self.stated_variances()
         if (k := self.index.get(PLACEMENT)) is not None:
             stated[k] = max(stated[k], v[k])

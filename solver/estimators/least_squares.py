@@ -26,8 +26,8 @@ LAST_SHARE = 1e-12
 evaluation, because it is only 1e-5 of the parameters' standard deviations."""
 
 LEFT_SHARE = 1e-14
-"""A step is also the last if its successor would lower the cost by less than this share: undamped steps shrink by a
-constant factor, because the convergence is linear with non-zero residuals."""
+"""An undamped step is also the last if the step after it is expected to lower the cost by less than this share. The
+reductions of the cost by successive undamped steps have a nearly constant ratio, which gives this expectation."""
 
 LEAST_STEP = 1e-13
 """Largest component of a step (rad, m) that counts as converged."""

@@ -26,7 +26,7 @@ LEAST_PULL_INFORMATION = 1e-6
 """A pull (see `pulls`) counts only if the poses determine at least this share of the effect's prior variance."""
 
 FREE = 1e-9
-"""Along eigenvectors of ``I - N N'`` (see `_held_out`) with smaller eigenvalues, other poses predict nothing."""
+"""Along an eigenvector of ``I - N N'`` (`_held_out`) with a smaller eigenvalue, the other poses predict nothing."""
 
 
 class LinearFit:
@@ -34,7 +34,7 @@ class LinearFit:
 
     `change` (P,): fitted change of each parameter, rad or m: from its nominal value if it has a prior, otherwise from
     its value at the linearisation.
-    `unit` (P,): factor from the coefficient of each parameter's column to the parameter's change, rad or m.
+    `unit` (P,): change of each parameter, rad or m, if the coefficient of the parameter's column is 1.
     `b` (f,): predicted coefficient of each of f effects, not scaled to unit variance.
     `half` (width, width): upper triangular root of the inverse, ``H^-1 = half half'``.
     `chi2`: ``w' P w``, with the whitened misclosure w and the projector ``P = I - M H^-1 M'``.
@@ -157,9 +157,9 @@ class LinearFit:
     def at_known_noise(self) -> LinearFit:
         """The linear fit at the same linearisation, with the variances at which faults are tested.
 
-        These are the stated variances (`Layout.as_stated`). But noise has its estimated variance if that is smaller
-        (at least `Layout.test_floors`), so that tests of single readings are more powerful. The variance of noise is
-        never larger than stated, so that a fault does not count as noise.
+        These are the stated variances (`Layout.as_stated`), except for noise. Noise has its estimated variance, limited
+        to the range from `Layout.test_floors` to the stated variance. A smaller variance makes tests of single readings
+        more powerful, and the upper limit prevents a fault from counting as noise.
         """
         v = self.design.as_stated(self.v)
         noise = self.design.noise_components
@@ -271,9 +271,9 @@ class LinearFit:
     def without_each(self) -> FloatArray:
         """Return the changes (m, P) of the parameters if each pose in turn is left out and the variances stay the same.
 
-        No refit is needed. With the pose's rows M and residual e, coefficients change by
-        ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma). The inverse is a pseudo-inverse, so there is no
-        change in directions that only this pose determines.
+        No refit is needed. With M the whitened rows of the pose and e its residual, the coefficients of the columns
+        change by ``H^-1 M' (I - M H^-1 M')^-1 e`` (matrix inversion lemma). The second inverse is a pseudo-inverse: in
+        directions that only this pose determines, nothing changes.
         """
         steps = []
         for part in self.parts():
@@ -311,9 +311,9 @@ def _held_out(N: FloatArray, residual: FloatArray) -> tuple[float, int]:
     """Return chi2 of R held-out equations, and its degrees of freedom.
 
     `N` (R, width): the rows of `orthonormal` for these equations. `residual` (R,): their residuals r.
-    With V = I - N N', chi2 is ``r' V^-1 r``, with a pseudo-inverse if V is singular, and the degrees of freedom are the
-    rank of V. Of V and I - N'N, which has the same eigenvalues apart from ones, the smaller is decomposed:
-    ``V^-1 = I + N (I - N'N)^-1 N'``.
+    With V = I - N N', chi2 is ``r' V^-1 r`` (pseudo-inverse if V is singular), with rank(V) degrees of freedom. If
+    I - N'N is the smaller matrix, its eigenvalues are calculated instead, which are those of V apart from ones, and
+    chi2 follows from ``V^-1 = I + N (I - N'N)^-1 N'``.
     """
     few = len(N) <= N.shape[1]
     values, vectors = np.linalg.eigh(np.eye(min(N.shape)) - (N @ N.T if few else N.T @ N))

@@ -4,22 +4,23 @@ Sag: a joint's drive carries the arm, so the sag of joint j is a compliance time
 compliance is positive and of unknown magnitude, so it is modelled as half-normal, |z| with z ~ N(0, 1). Its mean,
 sqrt(2 / pi), gives the expected sag.
 
-Deflection: joints in free mode carry no torque, so the fixture carries the error dtau of the gravity compensation. At
-rest, a virtual motion of the free joints does no work; with F the fixture's wrench,
+Deflection: the controller compensates gravity in the free joints, but with the stated masses. So the fixture has to
+carry the error dtau_f of these torques. At rest, a virtual motion of the free joints does no work. With F the fixture's
+wrench,
 
     J_f' F + dtau_f = 0,     N' F = 0
 
-(Murray, Li & Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, eq. 6.4). J_f and N are the columns
-of the closure Jacobian for the free joints and for the fixture's own degrees of freedom, about which the fixture
-carries no moment. With ``F = E y``, ``E' N = 0``, and friction rho limiting the force at a singularity, the solution is
+(Murray, Li & Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, eq. 6.4). J_f are the columns of the
+closure Jacobian for the free joints. N are those for the fixture's own degrees of freedom, about which the fixture
+carries no moment. With ``F = E y``, ``E' N = 0``, and friction rho, which limits F at a singularity, the solution is
 
     F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f.
 
 F is linear in the errors z of masses and centres (`solver.chain.statics`): F = W z, z ~ N(0, I). Which joints were in
-position mode is not recorded, but they were as many as the loop has degrees of freedom. W has columns for up to
-`MOST_DRIVE_SETS` such sets, with equal weights. The covariance of the displacements under F follows from the fixture's
-compliance (`solver.estimators.compliance`). The columns of deflection are the leading eigenvectors of this covariance
-(by Nystroem's method), scaled to the stated rms over the poses.
+position mode is not recorded, but their number is that of the loop's degrees of freedom. W has columns for up to
+`MOST_DRIVE_SETS` such sets, with equal weights. The displacements under F have a covariance that follows from the
+fixture's compliance (`solver.estimators.compliance`). The columns of deflection are the leading eigenvectors of this
+covariance (by Nystroem's method), scaled to the stated rms over the poses.
 """
 
 from __future__ import annotations
@@ -136,12 +137,12 @@ class LoadBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gravity:
-    """Each joint's twist as a function of gravity's torque on the arm `part`, in units of the joint's stated sag.
+    """Each joint's twist as a function of the torques of gravity, in units of the joint's stated sag.
 
-    tau (m, n, s) is from `ArmPoses.torques`. tau_j0 is the stated torque on joint j; the others are its errors.
+    The s torques on joint j of the arm `part` are tau_j0, as stated, and errors tau_j1, ... (see `ArmPoses.torques`).
     `rate` (n,): the expected twist of joint j is ``rate_j tau_j0``; 0 for a joint on which gravity has no lever arm.
-    `turn` (n, s, c): if coefficient c is 1, it adds ``sum_s tau_js turn_jsc`` to joint j's expected twist.
-    `size` (n, s): rms deviation of joint j from its expected twist per N m of the torque tau_js.
+    `turn` (n, s, c): a value b of coefficient c adds ``b sum_i tau_ji turn_jic`` to the expected twist of joint j.
+    `size` (n, s): rms deviation of joint j from its expected twist, for each N m of the torque tau_ji.
     """
 
     part: ArmPoses
@@ -300,7 +301,7 @@ def _load_deflection(
     size = np.array([stated_deflection[0]] * (k - 3) + [stated_deflection[1]] * 3)
     scale = np.divide(1.0, size, out=np.zeros(k), where=size > 0.0)
     sized = unit[:, None] * s[:, None, None]
-    loads = _pulled(part, first, W * sized)
+    loads = _fixture_loads(part, first, W * sized)
     centre_loads = loads.at_poses(of_centres)
     across = covariance(loads, centre_loads, s)
     values, vectors = np.linalg.eigh(
@@ -314,7 +315,7 @@ def _load_deflection(
     missed = np.zeros((m, k))
     for cut in pose_slices(m):
         if not few:
-            loads = _pulled(part, cut, _wrenches(part, cut) * sized)
+            loads = _fixture_loads(part, cut, _wrenches(part, cut) * sized)
             across = covariance(loads, centre_loads, s)
         deflection[cut, :, :count] = (across @ root).reshape(-1, k, count) * scale[:, None]
         total = variance(loads, s) * scale**2
@@ -322,10 +323,10 @@ def _load_deflection(
     return deflection, missed
 
 
-def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLoads:
+def _fixture_loads(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> FixtureLoads:
     """Return the loads on both halves of the fixture at a selection of poses.
 
-    `W` (m, k, 4 n, d): result of `_wrenches`, multiplied by S and by a weight of each set of joints in position mode.
+    `W` (m, k, 4 n, d): result of `_wrenches`, times S (`solver.estimators.compliance`) and a weight for each of d sets.
     """
     axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
     share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)

@@ -37,7 +37,7 @@ STEADY_VARIANCE_SIGMA, CREEPING_VARIANCE_SIGMA = 1e-1, 2e-2
 the variances converge slowly, so that one step is a small part of the remaining distance."""
 
 RELINEARISE_SIGMA = 1e-4
-"""The next iteration reuses a linearisation if its error, in standard errors of a parameter, is at most this."""
+"""The next iteration reuses the linearisation if the last step left an error of at most this many sigmas."""
 
 LEAST_GAIN = 0.3
 """The iteration ends once the slope of the log-likelihood along the next step is expected to be below this. The slope
@@ -47,9 +47,9 @@ COMPARABLE_SIGMA = 3.0
 """Largest change of a parameter, in standard errors, between iterations whose slopes are compared."""
 
 SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 1.5, 0.25
-"""The sign of gravity is tested at convergence, or earlier if the remaining error of the parameters is below
-SIGN_TEST_SIGMA and the last step of the variances below SIGN_TEST_VARIANCE_SIGMA (in sigmas). The early test decides
-only if `gravity_share` differs from one half by at least the smaller of DOUBTFUL_SIGN_SHARE and that last step."""
+"""The sign of sag is tested when the fit has converged. An earlier test requires that the remaining error of
+the parameters is below SIGN_TEST_SIGMA, and the last step of the variances below SIGN_TEST_VARIANCE_SIGMA (in sigmas).
+It counts if `gravity_share` differs from 0.5 by at least DOUBTFUL_SIGN_SHARE, or by at least this last step."""
 
 FREE_ITERATIONS = 20
 NEGLIGIBLE_GAIN = 0.1
@@ -63,12 +63,12 @@ CHI2_ABANDONED = 30.0
 fault, which the tests diagnose."""
 
 CURVATURE_SHARE = 3.0
-"""Error of a Newton step as a share of the step, per rad or m of its largest component: the error is quadratic."""
+"""The error of a Newton step, divided by the step, is taken as this times the step's largest component (rad, m)."""
 
 LEAST_MOTION_SHARE, WEAK_MOTION_SHARE, MOST_TURN_RAD, TINY = 1e-3, 0.01, 0.02, 1e-200
-"""A measured position may be beyond the reach of a stretched arm. So a loop is left open in directions in which joints
-move it by less than LEAST_MOTION_SHARE of the total, or by less than WEAK_MOTION_SHARE if joints would have to turn by
-more than about MOST_TURN_RAD. TINY avoids a division by zero."""
+"""Limits for directions in which joints hardly move a loop's end, e.g. if a measured position is beyond the reach of a
+stretched arm. The loop is left open there if the motion is below LEAST_MOTION_SHARE of the total, or below
+WEAK_MOTION_SHARE if joints would have to turn by more than about MOST_TURN_RAD. TINY avoids a division by zero."""
 
 POSES_FOR_VARIANCES = 600
 """Number of poses that estimate the variances if there are more than twice as many; all poses would improve the
@@ -228,7 +228,7 @@ def expected_variances(fit: LinearFit, derivatives: Derivatives, v: FloatArray) 
 
 
 def gravity_share(fit: LinearFit) -> float:
-    """Return the factor by which to multiply the sag and play expected from gravity for the best fit to the readings.
+    """Return the factor that, applied to the sag and play expected from gravity, gives the best fit to the readings.
 
     If the factor is below one half, the readings fit better without expected sag and play (0) than with them (1).
     """

@@ -41,18 +41,18 @@ NEWTON_SIGMA = 1.0
 """Largest step, in standard errors, for which the observed curvature is used (Newton) rather than the expected."""
 
 LEAST_CURVATURE = 0.05
-"""Smallest eigenvalue of the curvature, in units of the expected information, for Newton's step."""
+"""Newton's step is used only if all eigenvalues of the curvature, relative to the expected information, exceed this."""
 
 SCALE_SD = float(np.log(2.0))
 """Standard deviation of the logarithm of a source's scale (ratio to the stated one): a factor of two is one sigma."""
 
 SCALE_CORRELATION = 0.5
-"""Correlation of the logarithms of two scales of one group (`_scale_groups`): a file with a margin in one stated size
-usually has a margin in all. So the scales of sources that the poses hardly determine follow the others."""
+"""Correlation of the logarithms of two scales of one group (`_scale_groups`): if a file states one error larger than it
+is, it usually does so for all. So scales that the poses hardly determine follow the other scales of the group."""
 
 LARGEST_COMMON = 3.0 * SCALE_SD
-"""Largest deviation of a scale's logarithm that counts as evidence about the other scales. A source of less than an
-eighth of its stated size is absent, which says no more about the others."""
+"""Limit of the magnitude of a scale's logarithm in its effect on the other scales of the group: an error below 1/8 of
+its stated size counts as absent, which implies nothing more about the others."""
 
 FAST_SHARE = 0.45
 """Convergence is fast if a step is below this share of the step before."""
@@ -63,8 +63,8 @@ class Derivatives:
     """Derivatives of the log-likelihood with respect to the K variance components.
 
     `score` (K,): gradient. `information`, `curvature` (K, K): expected and observed negative second derivative.
-    `expected` (K,): expectation of a quadratic form of the residuals. Twice the gradient of the likelihood is this form
-    minus its expectation.
+    `expected` (K,): expectation of a weighted sum of squared residuals and effects. Without priors, ``2 score`` is this
+    sum minus its expectation.
     """
 
     score: FloatArray
@@ -149,13 +149,13 @@ def with_priors(fit: LinearFit) -> Derivatives:
 
 
 def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Differentiate the energy (minus the log density) of the prior of the scales' logarithms `t` (K,).
+    """Differentiate minus the logarithm of the prior density of the scales' logarithms `t` (K,).
 
-    Returns the gradient (K,), and the second derivative as a positive semidefinite matrix (K, K) plus a diagonal (K,).
-    With ``g = L tanh(t / L)`` and L = `LARGEST_COMMON`, the energy is
-    ``(sum t^2 / own - sum_groups shared (sum g)^2) / (2 SCALE_SD^2)``. Each scale has a constant `own`, and each group
-    a constant `shared`. For small t, these constants make the prior normal, with the standard deviation `SCALE_SD` and,
-    within a group, the correlation `SCALE_CORRELATION`.
+    Returns the gradient (K,), then two parts of the second derivative: a positive semidefinite matrix (K, K), and the
+    diagonal (K,) of the rest. With ``g = L tanh(t / L)`` and L = `LARGEST_COMMON`, the differentiated function is
+    ``(sum t^2 / own - sum_groups shared (sum g)^2) / (2 SCALE_SD^2)``: the first sum is over all scales, the last over
+    those of a group. The constants `own` of a scale and `shared` of a group are such that, for small t, the prior is
+    normal with the standard deviation `SCALE_SD` and, within a group, the correlation `SCALE_CORRELATION`.
     """
     scaled, groups = design.scaled.astype(float), _scale_groups(design)
     own = 1.0 - SCALE_CORRELATION * groups.sum(axis=0)
@@ -175,8 +175,8 @@ def _scale_prior(design: Layout, t: FloatArray) -> tuple[FloatArray, FloatArray,
 def _scale_groups(design: Layout) -> FloatArray:
     """Return masks (groups, K) of 0 and 1, one for each group of scales whose priors are correlated.
 
-    Lengths and twists, which the maker's table states, are one group. Joints, sensors and the fixture's deflection are
-    the other: that they are better than stated says nothing about the table. The fixture's placement is in neither.
+    One group is the lengths and twists of the maker's table. The other is the errors of joints and sensors and the
+    fixture's deflection, which imply nothing about the table. The fixture's placement is in neither group.
     """
     names = np.array(list(design.index), dtype=str)
     of_links = np.isin(names, (LENGTHS, TWISTS))
@@ -278,12 +278,11 @@ def step(fit: LinearFit, derivatives: Derivatives) -> ScoringStep:
 class VarianceSearch:
     """Search for the variances of maximum likelihood by Newton's steps, which are shortened where they overshoot.
 
-    If a variance leaves its floor, the curvature changes quickly, and plain steps may oscillate forever. The slope at a
-    step's end, which is calculated anyway, locates the maximum along the step; the next iteration starts there.
+    If a variance leaves its floor, the curvature changes quickly, and full steps may oscillate forever. If the slope of
+    the likelihood at a step's end shows an overshoot, the next iteration starts at the maximum along this step.
 
-    `fast`: whether steps shrink so fast that further steps are negligible. Until two steps are known, this is the value
-    given to `__init__`.
-    `slope_left`: expected slope (see `ScoringStep`) of the step from the variances that `next_variances` returned last.
+    `fast`: whether steps shrink so fast that further steps are negligible; at first, the argument's value.
+    `slope_left`: slope (see `ScoringStep`) that is expected of the step after the last one.
     """
 
     def __init__(self, *, fast: bool = False) -> None:

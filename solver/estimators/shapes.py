@@ -21,7 +21,7 @@ from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_effects import UNMODELLED_SHARE, farthest
 
 BY_APPROACH = 0.5
-"""Probability that play follows the direction of approach; otherwise it follows the load."""
+"""Probability that the direction of approach determines the side of a joint's play; otherwise the load does."""
 
 CENTRES = 64
 """Number of poses, chosen far apart, from which the others are interpolated."""
@@ -48,7 +48,7 @@ class PoseBasis:
 def pose_process(q: FloatArray, columns: int, *, group: IntArray | None = None) -> PoseBasis:
     """Return a smooth random function of joint angles `q` (m, n), rad; each placement in `group` (m,) has its own.
 
-    `columns`: number of columns. They are orthogonal, those of the largest variance.
+    `columns`: largest number of columns; they are orthogonal, and those of largest variance are kept.
     """
     spread = np.maximum(q.std(axis=0), 1e-9)
     moving = np.ptp(q, axis=0) > np.deg2rad(0.5)
@@ -119,10 +119,10 @@ class Shapes:
 def sides_of_play(q: FloatArray, errors: ErrorModel, sd_rad: FloatArray) -> Shapes:
     """Return the effect of play: a column for the side of the load, and one for the side of the approach if known.
 
-    With probability p = 1 - `BY_APPROACH`, gravity determines on which side of its play the link rests. Otherwise the
-    direction of approach does, but either link or drive may lead, so both sides are equally likely.
-    So in units of `sd_rad`, the expected value is p times the side of the load (1 or -1), with a variance of 1 - p^2.
-    The expected value is 0 if the side of the load is unknown (no loads, or `errors.signed` is False).
+    The side, 1 or -1, is where the link rests in its play. With probability p = 1 - `BY_APPROACH`, the load (gravity)
+    determines it. Otherwise the direction of approach does; either link or drive may lead, so both sides are equally
+    likely. Hence, in units of `sd_rad`, the expected value is p times the side of the load, with a variance of 1 - p^2.
+    It is 0 if the side of the load is unknown (no loads, or `errors.signed` is False).
 
     `sd_rad` (n,): standard deviation of each joint's play. `q` (m, n): readings, rad.
     """

@@ -41,8 +41,8 @@ NORMAL_95 = 1.959963984540054
 class Component:
     """Standard deviation `sd` of one source of error, with its 95 % interval, and the value `stated` in the files.
 
-    `name`: ``fixture_m`` or ``fixture_rad`` for the fixture's deflection; e.g. for the sensor of joint 6, ``rvdt_6``
-    (noise of a single reading) or ``curve_6`` (linearity deviation). `unit`: ``rad`` or ``m``.
+    `name`: ``fixture_m`` or ``fixture_rad`` for the fixture's deflection, ``rvdt_6`` for the noise of a single reading
+    of joint 6, ``curve_6`` for the linearity deviation of its sensor. `unit`: ``rad`` or ``m``.
     """
 
     name: str
@@ -268,7 +268,7 @@ def _report(fitted: MixedFit, back: IntArray) -> VarianceComponents:
 
 
 LEAST_LEFT = 1e-12
-"""Smallest share of a variance's information that can remain if the others are estimated; less is due to rounding."""
+"""If less than this share of a variance's information remains when the others are estimated, its error is infinite."""
 
 MOST_CERTAIN = 1e6
 """Largest ratio of a variance to its standard error that `interval` uses."""
@@ -306,7 +306,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
     """Return the standard errors (K,) of variances `v` (K,), from the likelihood's `information` (K, K).
 
-    A variance at its floor counts as known for the errors of the others. Its own error includes their uncertainty.
+    A variance at its floor counts as known in the errors of the others; its own error includes their uncertainty.
     """
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))

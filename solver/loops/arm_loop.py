@@ -22,7 +22,7 @@ class ArmLoop(ClosureModel):
 
     `table`: nominal D-H table of the links; its first row is link `FIRST_LINK`.
     `entries`: unknown entries of the table. They come first in the parameter vector.
-    `own`: names of the endpoint's unknowns. They follow in the parameter vector.
+    `own`: names of the endpoint's unknowns, a part of `OWN`. They follow in the parameter vector.
     `unsensed_joints`: arm joints (1-based) whose readings are not used. Their angles are unknowns of each pose.
     """
 
@@ -30,8 +30,8 @@ class ArmLoop(ClosureModel):
     OWN: ClassVar[tuple[str, ...]] = ()
     OWN_ANGLES: ClassVar[tuple[str, ...]] = ()
     GROUND_SIDE: ClassVar[tuple[str, ...]] = ()
-    """Names of the unknowns that an endpoint can have (`OWN`), of those that are angles (`OWN_ANGLES`), and of all
-    unknowns that locate the fixture on the table (`GROUND_SIDE`)."""
+    """`OWN`: names of the unknowns that this kind of endpoint can have; `OWN_ANGLES`: of those that are angles.
+    `GROUND_SIDE`: names of all unknowns, D-H entries included, that locate the fixture on the table."""
     ARRAYS: ClassVar[tuple[str, ...]] = ()
     """Fields that hold arrays."""
 

@@ -298,7 +298,7 @@ def nearest_equivalent(model: ClosureModel, x: FloatArray, reference: FloatArray
 
 
 def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Return values (P,) of the parameters of `model`: from `x` (values of `other`), nominal if `other` lacks them."""
+    """Return the parameters (P,) of `model`: values in `x`, a vector of `other`, or nominal where `other` has none."""
     known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
     return nominal_vector(model.parameters, known)
 

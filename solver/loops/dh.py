@@ -170,11 +170,11 @@ class DhLoop(ArmLoop):
 def _swing(
     n: ComplexArray, nz: FloatArray, w: ComplexArray, wz: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return the swing (...), rad, which turns z onto a unit vector, and the changes of the swing (C, ...), rad.
+    """Return the swing (...), rad, which turns z onto a unit vector, and its changes (C, ...), rad, by small rotations.
 
     The swing is a rotation vector in the xy plane. Vectors in this plane are written as complex numbers x + iy.
-    `n`, `nz` (...): the unit vector, as x + iy and z. `w`, `wz` (C, ...): C small rotations of the unit vector, rad, as
-    x + iy and z in the fixed frame. Each of these rotations causes a change of the swing.
+    `n`, `nz` (...): the unit vector, as x + iy and z. `w`, `wz` (C, ...): C small rotations of the unit vector, rad,
+    in the fixed frame, as x + iy and z.
 
     The swing is ``i f n``, where f is the angle between z and the unit vector, divided by the sine of this angle. A
     small rotation changes n by ``dn = i (wz n - nz w)``. With n* the complex conjugate of n, the swing changes by

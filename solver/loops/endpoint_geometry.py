@@ -1,9 +1,9 @@
 """Converts the geometry of a fixture into the D-H entries of a loop.
 
-A hinge is a line fixed in the tool that coincides with a line fixed in the table (the workbench). The table's line is
-given in the arm's base frame, with theta_off_1 and s_1 taken as zero, because these only turn the frame about z_0 and
-shift it along z_0. The tool's line is given in the frame before the last link. The common normal of the table's line
-and z_0, and that of the tool's line and z_{n-1}, determine the D-H entries.
+A hinge makes a line of the tool coincide with a line of the table (the workbench). The table's line is given in the
+arm's base frame, turned about and shifted along z_0 so that theta_off_1 and s_1 are zero. The tool's line is given in
+the frame before the last link. The common normal of the table's line and z_0, and that of the tool's line and z_{n-1},
+determine the D-H entries.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, floa
     """Return the D-H entries of links 0, 1 and n, by name, that make two lines coincide; alphas are in [0, pi].
 
     If a line is parallel to the neighbouring joint axis, the common normal through `point_m` of the line is used.
-    `ground`: the line fixed in the table, in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
-    `hand`: the line fixed in the tool, in the frame that has the origin of frame n-1 and the rotation
-    ``R_1 .. R_{n-1} Rz(theta_n)``, where the angle theta_n of joint n does not include theta_off_n.
+    `ground`: the line of the table, in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
+    `hand`: the line of the tool, in frame n-1 rotated about its z axis by the reading theta_n of joint n (without the
+    offset theta_off_n).
     """
     # Tool: direction = Rz(off_n) (0, -sin alpha_n, cos alpha_n).
     off_n = _bearing(hand.direction) + 0.5 * np.pi
@@ -64,8 +64,8 @@ def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, floa
 def constrained_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, float]:
     """Return the D-H entries of links 0, 1 and n, by name, of a rigid loop with s_n = a_n = alpha_n = 0.
 
-    `R` (3, 3), `p_m` (3,): rotation and origin, the same at all poses, of a tool frame calculated with theta_off_n = 0.
-    Both are given in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
+    `R` (3, 3), `p_m` (3,): rotation and origin, the same at all poses, of frame n, calculated with theta_off_n = 0,
+    in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
     """
     hand = Line(point_m=np.zeros(3), direction=np.array([0.0, 0.0, 1.0]))
     entries = constrained_axis_entries(Line(point_m=p_m, direction=R[:, 2]), hand, n)

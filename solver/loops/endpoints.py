@@ -216,8 +216,8 @@ class MeasuredClosure(ArmLoop):
     def _own_columns(self, own: FloatArray, R_hand: FloatArray, swung: FloatArray) -> FloatArray:
         """Derivatives (..., m, 6, 12) of the target's rotation and position with respect to base_x .. tip_rz.
 
-        `own`: values of base_x .. tip_rz. `R_hand`: rotation of the flange, in the instrument's frame. `swung`: vector
-        from the base's origin to the target, in the same frame, m.
+        `own` (..., 12): values of base_x .. tip_rz. `R_hand`: rotation of the flange in the instrument's frame.
+        `swung`: vector from the base's origin to the target in the instrument's frame, m.
         """
         inverse = np.linalg.inv(rotation_vector_differential(own[..., 3:6]))
         right = np.linalg.inv(rotation_vector_differential(own[..., 9:12]))

@@ -25,15 +25,15 @@ from solver.loops.endpoints import TIP, PointClosure
 from solver.posterior.corrections import CorrectionShapes, JointCorrections
 
 CLOSE_M = 1e-4
-"""s: tool error that weighs as much as a change of an entry by d."""
+"""s of the module's formula: tool error that weighs as much as a change of a table entry by d."""
 
 LENGTH_M, TWIST_RAD, OFFSET_RAD = 1e-3, radians(0.2), radians(1.0)
-"""d: largest plausible error of an entry; entries that the poses do not determine stay near their fitted values."""
+"""d of the module's formula: largest plausible errors of entries. It keeps undetermined entries near their values."""
 
 NEAR_RAD, NEAR_SHARE, ANYWHERE_SHARE, TIMES = np.deg2rad(20.0), 0.25, 0.01, 2
-"""Poses within NEAR_RAD of the session's poses have the share NEAR_SHARE of the weight. Poses anywhere in the ranges,
-where a table could otherwise be arbitrary, have the share ANYWHERE_SHARE. The number of poses of each kind is TIMES the
-number of the session's poses."""
+"""Poses for which the table is computed, apart from the m poses of the session. TIMES m poses, within NEAR_RAD of the
+session's, have the share NEAR_SHARE of the weight. TIMES m poses anywhere in the ranges, where a table could otherwise
+be arbitrary, have the share ANYWHERE_SHARE."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -27,12 +27,12 @@ joints only 1 % do."""
 
 FIRST_POLISH = 12
 REFINED_COST_RATIO = 100.0
-"""A minimum whose cost after the first refinement is more than this many times the best cost is not refined further,
-because no alternative solution has ten times the rms closure. The `rms` of such a minimum is an upper bound."""
+"""A minimum whose cost after the first refinement is more than this many times the best cost, i.e. whose rms closure is
+ten times the best, is no alternative solution. It is not refined further, so that its `rms` is an upper bound."""
 
 BRANCHES_MIXED_RMS = 0.03
-"""An rms closure (1 m as 1 rad) above this is larger than that of any real arm: the pose set may mix poses of both
-branches."""
+"""The rms closure error (1 m as 1 rad) of real arms is smaller than this. If it is larger, the pose set may contain
+poses of both branches."""
 
 HINGE_EQUATIONS = 5
 SAMPLES = 8

@@ -156,7 +156,7 @@ def _minimised(
 
 
 RIDGE = 1e-9
-"""Ridge that keeps the projection defined if t may slide along h; too small to affect the result."""
+"""Added to the diagonal of normal equations, which are singular if t may be any point of a line; affects no result."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -244,9 +244,10 @@ class InnerProblem:
     def _projected(
         self, M: FloatArray, M_c: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the best-fitting h and t of the module's equations, (S, 3) each; z and 0 for a rigid fixture.
+        """Return the best-fitting h and t of the module's equations, (S, 3) each, for S starts.
 
-        `M` (S, m, 3, 3), `p` (S, m, 3): M_i and p_i at m poses, for S starts. `M_c`: M minus its mean over the poses.
+        A rigid fixture has neither: the result is then the z axis and 0. `M` (S, m, 3, 3), `p` (S, m, 3): M_i and p_i
+        at m poses. `M_c`: M minus its mean over the poses.
         """
         count = len(M)
         if self.model.constrained_part is ConstrainedPart.FRAME:

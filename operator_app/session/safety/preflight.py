@@ -91,18 +91,18 @@ FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
 """Probability of refusing a correct reading if offsets and placement error are known from earlier placements."""
 
 RESET_PROBABILITY = 1e-2
-"""A counter near zero counts as reset if an increase of chi2 as large as its reading causes is less probable than this.
-By chance, a joint is within `AT_ZERO_COUNTS` counts of zero in one of 30,000 positions, and within k times this
-distance in k of 30,000. The limit for a reading at k times this distance is therefore divided by k."""
+"""A counter within `AT_ZERO_COUNTS` counts of zero counts as reset if its reading increases chi2 by an amount that is
+less probable than this. By chance, a joint is so near to zero in one of 30,000 positions, and within k times this
+distance in k of 30,000. So for a reading at k times this distance, the probability has to be k times smaller."""
 
 HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
 """A joint whose home is within this distance of zero is often at zero."""
 
 RESET_PROBABILITY_HOME_AT_ZERO = 1e-6
-"""Largest limit (see `RESET_PROBABILITY`) if all tested joints have homes within `HOME_AT_ZERO_RAD` of zero."""
+"""Largest limit instead of `RESET_PROBABILITY` if the homes of all tested joints are within `HOME_AT_ZERO_RAD` of 0."""
 
 EXPLAINED_PROBABILITY = 1e-2
-"""A joint alone explains the closure error if, with its reading ignored, a larger chi2 is at least this probable."""
+"""A joint alone explains the closure error if, without its reading, chi2 is exceeded with at least this probability."""
 
 MAX_NAMED_JOINTS = 3
 

@@ -99,7 +99,7 @@ def utc_in_words(time: datetime) -> str:
 
 
 def checksum(previous: str, body: bytes) -> str:
-    """Return the checksum of a line and, through `previous`, of all lines before it."""
+    """Return the checksum of a line with content `body`; it also covers `previous`, the checksum of the line before."""
     return hashlib.sha256(previous.encode() + body).hexdigest()[:16]
 
 

@@ -147,7 +147,7 @@ def _recover(line: bytes, previous_sum: str) -> tuple[bytes, str, str] | None:
 
 
 def _checksum_if_stated(line: bytes, previous_sum: str) -> str | None:
-    """Return a line's correct checksum if the line ends with it, apart from at most one wrong byte; else None."""
+    """Return a line's correct checksum; None if the checksum at the end of the line differs in more than one byte."""
     if len(line) < TAIL:
         return None
     expected = checksum(previous_sum, line[:-TAIL] + b"}")

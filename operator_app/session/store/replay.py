@@ -39,7 +39,7 @@ FIELDS_SET: Mapping[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
     "return_missed": lambda data: {"missed_repeat": data.get("reason", "")},
     "return_holds": lambda _: {"sensor_jump": "", "resumed": False},
 }
-"""Fields of the state, as functions of the data, of the events whose effect does not depend on the state before."""
+"""Functions from an event's data to the fields that it sets, for events whose effect does not depend on the state."""
 
 
 def apply(state: SessionState, event: JournalEvent) -> SessionState:

@@ -132,7 +132,7 @@ class Opening:
 class Rig:
     """An arm that is ready to be connected, and the opening of its session.
 
-    `opening`: its `choices`, which the journal records, are completed from the arm, the environment and defaults.
+    `opening`: its `choices`, which the journal records, are complete: the arm, the environment or defaults fill gaps.
     `simulated`: whether the arm is simulated.
     `instrument`: measures the tool of an open arm; None if the loop is closed or no port is specified.
     `truths`: true parameters of an arm simulated in this process; None for any other arm.

@@ -49,7 +49,7 @@ class LinearityDeviation:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float) -> Self:
-        """Draw a random deviation with a given peak (fraction of full scale), in which degrees 4 and 5 are weaker."""
+        """Draw a random polynomial of degree 5, whose terms 4 and 5 are weaker; `peak` is a fraction of full scale."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=tuple(shape.tolist()), half_scale_rad=0.5 * full_scale_rad)
         scale = peak * full_scale_rad / unit.peak_rad()

@@ -295,7 +295,7 @@ def closure_in_use(
     q: FloatArray,
     unknown: Collection[str] = (),
 ) -> ClosureInUse:
-    """Return the closure sigmas for both uses of a calibration: the best table, and corrected readings.
+    """Return the closure sigmas that a controller gets with the best D-H table, and with corrected readings.
 
     `model`, `x`: a loop of the calibrated arm and the values of its parameters (P,), rad and m. `q`: readings (m, n).
     `unknown`: names of parameters of an uncalibrated placement. They are estimated from `q`, for each use separately.

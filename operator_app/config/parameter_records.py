@@ -148,7 +148,7 @@ class RvdtRemedy(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoFigures(StrictRecord):
-    """Sigma by eq. 14 or 15, from the squares of N residuals: `rms` is sqrt(sum / N), `as_printed` is sqrt(sum) / N."""
+    """Sigma of N residuals, from the sum of their squares: sqrt(sum / N), and as the paper has it (eqs. 14, 15)."""
 
     rms: quantities.NonNegativeNumber
     as_printed: quantities.NonNegativeNumber

@@ -76,7 +76,7 @@ class ControlChart:
 
 
 def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) -> ControlChart:
-    """Test sessions one after the other, and return the limits and the detected shifts.
+    """Test one session after the other; return the limits and the detected shifts.
 
     `values` (sessions, quantities): values of the quantities `names`, sessions in time order. `within`, of the same
     shape: stated repeatability of each value (type A standard uncertainty).

@@ -76,7 +76,7 @@ class VarianceComponent:
     """One variance v to be estimated. With the default fields, v is the ratio of a source's variance to the stated one.
 
     `start`: value at which the search starts. `stated`: value that the files state.
-    `floor`, `ceiling`: limits of v. `raise_limit`: value to which one step may raise v, however small v is.
+    `floor`, `ceiling`: limits of v. `raise_limit`: one step may always raise v to this value.
     `scaled`: whether v has a log-normal prior with median `start` (method, section 10): v stays near `start` unless the
     poses determine it.
     `prior_scale`: if finite, v has a prior density proportional to exp(-v / (2 prior_scale)).

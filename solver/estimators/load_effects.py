@@ -100,7 +100,7 @@ class LoadBasis:
 
     `joints`: effects on the joints.
     `all_deflections` (M, k, c): columns of the deflection along the k closure components, for all M poses for which the
-    basis was computed. This array is large, so `at_poses` does not copy it.
+    basis was computed, for many poses in single precision. This array is large, so `at_poses` does not copy it.
     `rows` (m,): index of each pose in `all_deflections`.
     `deflection_missed` (m, k): variance of the deflection that the columns leave out.
     `gravity`: calculates the effects on the joints at other poses.
@@ -117,15 +117,16 @@ class LoadBasis:
         return np.asarray(self.all_deflections[self.rows[poses]], dtype=np.float64)
 
     def modelled_deflection(self, stated: FloatArray, poses: slice) -> FloatArray:
-        """Return the columns (m, k, c) of the deflection, rad and m, if the stated deflection is `stated` (k,)."""
+        """Return the deflection's columns (m, k, c) in rad and m, for stated deflections `stated` (k,) of k directions."""
         # To save memory, the large array is scaled for some poses at a time.
         scale = np.sqrt(1.0 - UNMODELLED_SHARE) * stated
         return np.asarray(scale[:, None] * self.deflection_at(poses))
 
     def missed_variance(self, stated: FloatArray, poses: slice) -> FloatArray:
-        """Return the variance (m, k), rad^2 and m^2, of the deflection by load that `modelled_deflection` leaves out.
+        """Return the variance (m, k), rad^2 and m^2, of deflection by load beyond that of `modelled_deflection`.
 
-        `stated` (k,): stated deflection, rad and m. `UNMODELLED_SHARE`, which no load explains, is not included.
+        `stated` (k,): stated deflection, rad and m. The deflection that no load causes, `UNMODELLED_SHARE` of the
+        stated variance, is not included.
         """
         return np.asarray((1.0 - UNMODELLED_SHARE) * stated**2 * self.deflection_missed[poses])
 

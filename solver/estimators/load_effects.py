@@ -117,7 +117,7 @@ class LoadBasis:
         return np.asarray(self.all_deflections[self.rows[poses]], dtype=np.float64)
 
     def modelled_deflection(self, stated: FloatArray, poses: slice) -> FloatArray:
-        """Return the deflection's columns (m, k, c) in rad and m, for stated deflections `stated` (k,) of k directions."""
+        """Return the deflection's columns (m, k, c) in rad and m, for `stated` deflections (k,) of k directions."""
         # To save memory, the large array is scaled for some poses at a time.
         scale = np.sqrt(1.0 - UNMODELLED_SHARE) * stated
         return np.asarray(scale[:, None] * self.deflection_at(poses))

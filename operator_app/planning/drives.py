@@ -75,7 +75,7 @@ def predict_drives(
 ) -> DrivePrediction:
     """Rank all drive sets at the pose `q_rad` (n,) and over the region reachable from it, for parameters `x` (P,).
 
-    Raises `SessionError` if the loop does not close near this pose, or the arm can hardly move.
+    Raises `SessionError` if the loop does not close near this pose, or the arm has too little room there.
     """
     try:
         ranges = ranges_of(arm).within(margin_rad(arm))
@@ -96,8 +96,8 @@ def predict_drives(
         ) from error
     if manifold.size < FEWEST_WAYPOINTS:
         raise SessionError(
-            f"the arm can hardly move from its present pose{_joint_out_of_range(arm, manifold)}",
-            "move the arm closer to the middle of the ranges, or correct the fixture's measured values",
+            f"the arm has too little room around its present pose{_joint_out_of_range(arm, manifold)}",
+            "start from a pose nearer the middle of the ranges, or correct the fixture's measured values",
         )
     return prediction
 
@@ -192,8 +192,8 @@ def _joint_out_of_range(arm: ArmModel, manifold: Manifold) -> str:
     if over[joint] <= 0.0:
         return ": every path soon reaches the end of a joint's range"
     return (
-        f": by the fixture's measured values, joint {joint + 1} is {np.rad2deg(over[joint]):.0f} deg "
-        "beyond its range in the nearest closed pose"
+        f": with the fixture's measured values, the nearest pose that closes the loop has joint {joint + 1} "
+        f"{np.rad2deg(over[joint]):.0f} deg beyond its range"
     )
 
 

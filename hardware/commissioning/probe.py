@@ -20,20 +20,23 @@ from hardware.buses.shared_bus import SharedBus, receiving
 from hardware.canopen import drive_settings, maps, objects
 from hardware.canopen.bus_profile import COMMAND_OBJECTS, FEEDBACK_OBJECTS, BusProfile
 from hardware.canopen.drive_settings import DrivePdo
-from hardware.canopen.sdo import ObjectAccess
+from hardware.canopen.sdo import ANSWER_TIMEOUT_S, ObjectAccess
 from hardware.errors import HardwareError, SdoRefused
 from hardware.monitors.node_monitor import describe_master_frame
 
 LISTEN_PERIODS: Final = 1.2
 """Time to listen, as a multiple of the slowest heartbeat that the profile allows. At the default limit (1 s), an
 operator sends several heartbeats in this time, and every node sends one."""
-ANSWERS_S: Final = 0.6
 NODES: Final = range(1, 127)
 MAX_NAMED: Final = 6
 """Largest number of different foreign frames named in a message."""
 NO_OPERATOR_MONITORING: Final = (
     "node {} {}, and may keep moving without the operator's heartbeat: keep a hand on the hardware stop, "
     "and test it (sarcal arm-check)"
+)
+UNANSWERING: Final = (
+    "node {}: its heartbeat is heard, but it answers no SDO request: it is in NMT state stopped (reset it), or needs "
+    "longer than sdo_timeout_s of the bus profile (default 1 s)"
 )
 _POLL_S: Final = 0.02
 _MAX_ANSWER_PERIODS: Final = 10
@@ -82,6 +85,12 @@ class Probe:
     heard: tuple[int, ...]
     nodes: tuple[FoundNode, ...]
     meanwhile: str = ""
+
+    @property
+    def unanswering(self) -> tuple[str, ...]:
+        """Problems of the nodes that were heard but answered no request."""
+        nodes = sorted({*self.heard} - {found.node for found in self.nodes})
+        return tuple(map(UNANSWERING.format, nodes))
 
 
 class _Listener:
@@ -132,13 +141,13 @@ def probe(
     profile: BusProfile,
     *,
     opener: Callable[[BusSettings], can.BusABC] = open_bus,
-    answers_s: float = ANSWERS_S,
     record_to: Path | None = None,
 ) -> Probe:
     """Find the nodes on a bus and compare its drives with a profile; `BusError` if the bus fails.
 
-    The probe listens before it sends anything. `answers_s`: silence after which no more answers are expected.
+    The probe listens before it sends anything. A node may take as long to answer as in a session.
     """
+    timeout_s = profile.sdo_timeout_s or ANSWER_TIMEOUT_S
     wire = SharedBus(opener(settings), record_to=record_to)
     listener = _Listener(profile)
     with receiving(wire, listener.take_in, "sarcal-probe"):
@@ -150,9 +159,9 @@ def probe(
             wire.send(objects.COB_SDO_TO_SERVER + node, _READ_DEVICE_TYPE)
             if node % 16 == 0:
                 time.sleep(_POLL_S)  # slow adapters take a few frames at a time
-        listener.wait_for_answers(answers_s)
+        listener.wait_for_answers(timeout_s)
         answers = dict(listener.answers)
-        access = ObjectAccess(wire.send, sorted(answers))
+        access = ObjectAccess(wire.send, sorted(answers), timeout_s=timeout_s)
         listener.deliver = access.deliver
         nodes = tuple(
             _read_node(access, profile, node, listener, answers[node]) for node in sorted(answers)

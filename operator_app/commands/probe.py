@@ -45,7 +45,7 @@ def execute(args: argparse.Namespace) -> int:
     result = probe(settings, load_profile(args.profile or DEFAULT_PROFILE), record_to=args.record)
     if args.draft is not None:
         return _draft(args, result)
-    problems = [problem for node in result.nodes for problem in node.problems]
+    problems = [*result.unanswering, *(text for node in result.nodes for text in node.problems)]
     if result.meanwhile:
         problems.insert(0, f"{result.meanwhile}: end that program, then probe again")
     fine = bool(result.nodes) and not problems
@@ -102,7 +102,8 @@ def _report_no_nodes(result: Probe, bus: str) -> bool:
             err=True,
         )
     elif not result.nodes:
-        say(f"sarcal: no node answers on {bus}. Check power, cable and bitrate.", err=True)
+        why = "; ".join(result.unanswering) or "Check power, cable and bitrate"
+        say(f"sarcal: no node answers on {bus}. {why}.", err=True)
     return bool(result.busy) or not result.nodes
 
 
@@ -129,6 +130,8 @@ def _draft(args: argparse.Namespace, result: Probe) -> int:
         heading += f"\n  Not known for nodes without 1016h: {silent}."
     content = format_profile(made, comment=heading)
     save_with_schema(args.draft, content, "profile")
+    for line in result.unanswering:
+        say(f"sarcal: not in the profile: {line}.", err=True)
     if args.json:
         say(as_json({**probe_json(result), "draft": str(args.draft)}))
         return ExitCode.ACCEPTED

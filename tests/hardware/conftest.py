@@ -48,7 +48,7 @@ def unconnected(
 
 def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
     """Probe the bus and draft a profile, which survives being written to a file."""
-    nodes = probe(settings, sarcos(), answers_s=1.0).nodes
+    nodes = probe(settings, sarcos()).nodes
     profile = draft(nodes, name="acme", configure=configure)
     text = format_profile(profile, comment="drafted")
     assert parse_profile(text, "acme.yaml", joints=JOINTS) == profile

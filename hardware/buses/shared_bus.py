@@ -43,7 +43,7 @@ class Recording:
         self._numbers_channels = path.suffix.lower() == ".blf"
         try:
             self._writer: Any = can.Logger(str(_unused(path)))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, NotImplementedError) as error:
             raise BusError(
                 f"The bus cannot be recorded to {path}: {error}. Choose another file."
             ) from error

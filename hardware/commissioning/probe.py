@@ -9,13 +9,11 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 import can
 from canopen.sdo import constants as sdo
 
-from hardware.buses.python_can import BusSettings, open_bus
 from hardware.buses.shared_bus import SharedBus, receiving
 from hardware.canopen import drive_settings, maps, objects
 from hardware.canopen.bus_profile import COMMAND_OBJECTS, FEEDBACK_OBJECTS, BusProfile
@@ -136,19 +134,12 @@ class _Listener:
             self.deliver(identifier, data)
 
 
-def probe(
-    settings: BusSettings,
-    profile: BusProfile,
-    *,
-    opener: Callable[[BusSettings], can.BusABC] = open_bus,
-    record_to: Path | None = None,
-) -> Probe:
-    """Find the nodes on a bus and compare its drives with a profile; `BusError` if the bus fails.
+def probe(wire: SharedBus, profile: BusProfile) -> Probe:
+    """Find the nodes on a bus and compare its drives with a profile; `BusError` if the bus fails. Closes the bus.
 
     The probe listens before it sends anything. A node may take as long to answer as in a session.
     """
     timeout_s = profile.sdo_timeout_s or ANSWER_TIMEOUT_S
-    wire = SharedBus(opener(settings), record_to=record_to)
     listener = _Listener(profile)
     with receiving(wire, listener.take_in, "sarcal-probe"):
         time.sleep(listener.listen_s)

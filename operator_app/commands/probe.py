@@ -6,9 +6,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from hardware.buses.python_can import open_bus
+from hardware.buses.shared_bus import SharedBus
 from hardware.commissioning.probe import Probe, probe
 from hardware.commissioning.profile_draft import DraftRefused, draft
-from operator_app.commands.choices import bus_of_others
+from operator_app.commands.choices import bus_of_others, report_recording
 from operator_app.config.any_file import save_with_schema, schema_line
 from operator_app.config.procedure import DEFAULT_PROFILE
 from operator_app.config.profile_file import format_profile, load_profile
@@ -42,7 +44,10 @@ def execute(args: argparse.Namespace) -> int:
     settings = bus_of_others(args)
     if args.draft is not None and exists(args.draft):
         raise UsageError(f"--draft: {args.draft} exists; name another file")
-    result = probe(settings, load_profile(args.profile or DEFAULT_PROFILE), record_to=args.record)
+    profile = load_profile(args.profile or DEFAULT_PROFILE)
+    wire = SharedBus(open_bus(settings), record_to=args.record)
+    result = probe(wire, profile)
+    report_recording(args.record, wire.recording_failure)
     if args.draft is not None:
         return _draft(args, result)
     problems = [*result.unanswering, *(text for node in result.nodes for text in node.problems)]

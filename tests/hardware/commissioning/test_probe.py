@@ -6,7 +6,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from hardware.buses.python_can import BusSettings
+from hardware.buses.shared_bus import SharedBus
 from hardware.canopen.sdo import ObjectAccess
 from hardware.commissioning.probe import Probe, probe
 from tests.hardware.fake_arm import FakeArmBus
@@ -25,7 +25,7 @@ def bus(monkeypatch):
 
 def probe_of(bus: FakeArmBus, slowest_ms: int = 50) -> Probe:
     profile = replace(sarcos(), slowest_heartbeat_ms=slowest_ms, sdo_timeout_s=0.1)
-    return probe(BusSettings(channel="fake"), profile, opener=lambda _: bus)
+    return probe(SharedBus(bus), profile)
 
 
 def test_probe_lists_every_node_with_type_and_position(bus):

@@ -49,16 +49,6 @@ def recording(args: argparse.Namespace, opening: Opening) -> Path | None:
     return opening.folder / "bus.blf" if args.record else None
 
 
-def report_recording(path: Path | None, problem: str | None) -> None:
-    """Report that the recording of a bus has ended early, if there is a `problem`."""
-    if problem:
-        say(
-            f"sarcal: the recording of the bus, {path}, has ended early: {problem}. "
-            "Free some space, or record to another disk.",
-            err=True,
-        )
-
-
 def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
     """Return the choices made by these options; if `journal`, with the operator's name from the user settings."""
     if args.channel is not None and not (args.channel.isprintable() and len(args.channel) <= 255):

@@ -18,7 +18,8 @@ from hardware.virtual.fault_messages import FAULTS
 from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.tracker import HOST, TRACKER_PORT, SimulatedTracker, serve_tracker
 from operator_app.commands.bus_arguments import FAULT_HELP
-from operator_app.commands.choices import choices_from, report_recording
+from operator_app.commands.choices import choices_from
+from operator_app.composition import print_recording_problem
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure_file import load_procedure
@@ -124,7 +125,7 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
             yield
     finally:
         if problem_of is not None:
-            report_recording(path, problem_of())
+            print_recording_problem(path, problem_of())
 
 
 @contextmanager

@@ -10,7 +10,8 @@ from hardware.buses.python_can import open_bus
 from hardware.buses.shared_bus import SharedBus
 from hardware.commissioning.probe import Probe, probe
 from hardware.commissioning.profile_draft import DraftRefused, draft
-from operator_app.commands.choices import bus_of_others, report_recording
+from operator_app.commands.choices import bus_of_others
+from operator_app.composition import print_recording_problem
 from operator_app.config.any_file import save_with_schema, schema_line
 from operator_app.config.procedure import DEFAULT_PROFILE
 from operator_app.config.profile_file import format_profile, load_profile
@@ -47,7 +48,7 @@ def execute(args: argparse.Namespace) -> int:
     profile = load_profile(args.profile or DEFAULT_PROFILE)
     wire = SharedBus(open_bus(settings), record_to=args.record)
     result = probe(wire, profile)
-    report_recording(args.record, wire.recording_failure)
+    print_recording_problem(args.record, wire.recording_failure)
     if args.draft is not None:
         return _draft(args, result)
     problems = [*result.unanswering, *(text for node in result.nodes for text in node.problems)]

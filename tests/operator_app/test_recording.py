@@ -50,7 +50,7 @@ def test_monitor_and_probe_report_an_incomplete_recording(tmp_path, capsys, monk
     monkeypatch.setattr("sys.dont_write_bytecode", True)  # such files would be cut too
     with file_size_limit(100):
         main([name, *options, "-i", "loopback", "--record", str(tmp_path / "bus.log")])
-    assert "bus.log, has ended early" in capsys.readouterr().err
+    assert "bus.log, ends early" in capsys.readouterr().err
 
 
 def wait_until(condition: Callable[[], object]) -> None:
@@ -74,13 +74,11 @@ def test_app_warns_of_an_incomplete_recording(tmp_path, capsys):
     # The journal stays below this limit.
     with file_size_limit(100_000):
         runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect)
-        wait_until(recording_messages)
-        wait_until(lambda: runner.snapshot().task is None)
+        wait_until(lambda: recording_messages() and runner.snapshot().task is None)
         assert runner.snapshot().connected
         source.close("end of the test")
     ((level, text),) = recording_messages()
     assert (level, str(record_to) in text) == (Level.WARNING, True)
-    assert text.endswith("Free some space, or record to another disk")
     assert "ends early" in capsys.readouterr().err
 
 

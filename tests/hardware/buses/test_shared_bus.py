@@ -50,8 +50,7 @@ def test_queue_full_until_the_timeout_raises_bus_error():
     with pytest.raises(BusError, match="ip link set can0 txqueuelen") as full:
         shared.send(0x080, b"")
     assert time.monotonic() - start_s >= 0.02
-    assert queue_is_full(full.value)
-    assert shared.queue_full > 0
+    assert (queue_is_full(full.value), shared.queue_full > 0) == (True, True)
 
 
 def test_other_send_error_raises_bus_error_at_once():
@@ -97,9 +96,8 @@ def test_frames_received_late_are_recorded_in_order(tmp_path, suffix):
     recording.close()
     recording.close()
     assert recording.failure is None
-    frames = read_recording(tmp_path / f"bus{suffix}")
-    assert [number for number, _ in frames] == list(range(3000))
-    assert [stamp for _, stamp in frames] == pytest.approx(stamps, abs=1e-5)
+    numbers, times = zip(*read_recording(tmp_path / f"bus{suffix}"), strict=True)
+    assert (numbers, times) == (tuple(range(3000)), pytest.approx(stamps, abs=1e-5))
 
 
 def test_clock_set_back_loses_and_delays_no_frame(tmp_path):

@@ -103,8 +103,7 @@ def test_probe_of_bus_with_other_master_sends_nothing(bus, identifier, data, wor
         bus.inject(identifier, bytes.fromhex(data))
     result = probe_of(bus)
     assert result.busy == f"another program uses this bus: {words}, 2 times"
-    assert (127 in result.heard) is (identifier == 0x77F)
-    assert bus.sent == []
+    assert (127 in result.heard, bus.sent) == (identifier == 0x77F, [])
 
 
 @pytest.mark.parametrize("identifier", [0x081, 0x100, 0x185, 0x283, 0x586, 0x703, 0x7E4])

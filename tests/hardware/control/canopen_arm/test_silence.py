@@ -1,5 +1,7 @@
 """Silent, restarted and faulty nodes on a fake bus: they are named, and no call hangs."""
 
+import time
+
 import can
 import numpy as np
 import pytest
@@ -34,6 +36,9 @@ def test_bus_failure_raises_bus_error_in_every_call(driven, bus, kind):
     bus.io_error = kind("cable cut")
     with pytest.raises(BusError, match="cable cut"):
         driven.capture(5)
+    ended = driven.snapshot()
+    time.sleep(0.3)  # longer than the loop may wait; silence is not this computer's latency
+    assert driven.snapshot().late_s == ended.late_s
     with pytest.raises(BusError):
         driven.active_parameters()
     with pytest.raises(BusError, match="emergency stop"):

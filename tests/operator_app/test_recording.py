@@ -41,15 +41,14 @@ def test_incomplete_recording_is_reported_when_the_arm_is_closed(
     assert (f"{record_to}, ends early: " in messages) is ("Free some" in messages) is reported
 
 
-@pytest.mark.parametrize("command", ["monitor --seconds 0.1", "probe"])
-def test_monitor_and_probe_report_an_incomplete_recording(tmp_path, capsys, monkeypatch, command):
+@pytest.mark.parametrize("words", [("monitor", "--seconds", "0.1"), ("probe",)])
+def test_monitor_and_probe_report_an_incomplete_recording(tmp_path, capsys, monkeypatch, words):
     bus, other = (can.Bus(tmp_path, interface="virtual") for _ in range(2))
     other.send_periodic(can.Message(arbitration_id=0x80), 0.002)
-    name, *options = command.split()
-    monkeypatch.setattr(f"operator_app.commands.{name}.open_bus", lambda _: bus)
+    monkeypatch.setattr(f"operator_app.commands.{words[0]}.open_bus", lambda _: bus)
     monkeypatch.setattr("sys.dont_write_bytecode", True)  # such files would be cut too
     with file_size_limit(100):
-        main([name, *options, "-i", "loopback", "--record", str(tmp_path / "bus.log")])
+        main([*words, "-i", "loopback", "--record", str(tmp_path / "bus.log")])
     assert "bus.log, ends early" in capsys.readouterr().err
 
 

@@ -298,13 +298,15 @@ class Runner:
                 self.supervisor.check(now, unseen_s=now.now_s - self._polled_s)
 
     def send_quick_stop(self) -> bool:
-        """Send a quick stop without informing the operator; return whether it was sent.
+        """Send a quick stop, report only a failure in the snapshot, and return whether it was sent.
 
         Cancels all cancellable tasks except connecting, which the operator may have requested at the same time.
         """
         self.cancel(but=TaskKind.CONNECT)
         try:
             self.session.arm.stop()
-        except HardwareError:
+        except HardwareError as error:
+            report = StopReport(asked_s=self._monotonic(), problem=str(error))
+            self.publish(lambda s: replace(s, stop=report))
             return False
         return True

@@ -36,6 +36,8 @@ from operator_app.session.ui.supervisor import Supervisor
 from operator_app.session.workflow.session import Session
 
 WATCH_PERIOD_S = 0.05
+CONNECTION_ATTEMPT_S = 30.0
+"""Longest wait of `close` for a connection attempt: an adapter's driver may never return."""
 MOVING = frozenset(
     {TaskKind.MOVE, TaskKind.AUTOMATIC, TaskKind.WIGGLE, TaskKind.HOME, TaskKind.VERIFY}
 )
@@ -231,7 +233,7 @@ class Runner:
             self._closing.set()
             self._jobs.put(None)
         self.cancel()
-        self._worker.join()
+        self._worker.join(CONNECTION_ATTEMPT_S if self.connecting else None)
         self._watching.join()
         self.session.close(reason)
 

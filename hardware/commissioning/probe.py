@@ -33,8 +33,7 @@ NO_OPERATOR_MONITORING: Final = (
     "and test it (sarcal arm-check)"
 )
 UNANSWERING: Final = (
-    "node {}: its heartbeat is heard, but it answers no SDO request: it is in NMT state stopped (reset it), or needs "
-    "longer than sdo_timeout_s of the bus profile (default 1 s)"
+    "node {}: a heartbeat, but no SDO answer: stopped (NMT), or slower than sdo_timeout_s"
 )
 _POLL_S: Final = 0.02
 _MAX_ANSWER_PERIODS: Final = 10

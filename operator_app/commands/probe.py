@@ -46,8 +46,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.draft is not None and exists(args.draft):
         raise UsageError(f"--draft: {args.draft} exists; name another file")
     profile = load_profile(args.profile or DEFAULT_PROFILE)
-    wire = SharedBus(open_bus(settings), record_to=args.record)
-    result = probe(wire, profile)
+    result = probe(wire := SharedBus(open_bus(settings), record_to=args.record), profile)
     print_recording_problem(args.record, wire.recording_failure)
     if args.draft is not None:
         return _draft(args, result)

@@ -36,8 +36,7 @@ from operator_app.session.ui.supervisor import Supervisor
 from operator_app.session.workflow.session import Session
 
 WATCH_PERIOD_S = 0.05
-CONNECTION_ATTEMPT_S = 30.0
-"""Longest wait of `close` for a connection attempt: an adapter's driver may never return."""
+CONNECTION_ATTEMPT_S = 30.0  # limits the wait of `close`: an adapter's driver may never return
 MOVING = frozenset(
     {TaskKind.MOVE, TaskKind.AUTOMATIC, TaskKind.WIGGLE, TaskKind.HOME, TaskKind.VERIFY}
 )

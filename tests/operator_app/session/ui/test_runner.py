@@ -134,8 +134,7 @@ def test_queued_tasks_are_dropped_after_an_ended_task_except_connecting(runner, 
 
 def test_quick_stop_that_is_not_sent_is_shown(runner, arm, monkeypatch):
     monkeypatch.setattr(arm, "stop", Mock(side_effect=BusError("no adapter")))
-    assert not runner.send_quick_stop()
-    assert runner.snapshot().stop.problem == "no adapter"
+    assert (runner.send_quick_stop(), runner.snapshot().stop.problem) == (False, "no adapter")
 
 
 def test_host_latency_is_reported_once(runner, arm):

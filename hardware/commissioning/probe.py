@@ -19,7 +19,7 @@ from hardware.canopen import drive_settings, maps, objects
 from hardware.canopen.bus_profile import COMMAND_OBJECTS, FEEDBACK_OBJECTS, BusProfile
 from hardware.canopen.drive_settings import DrivePdo
 from hardware.canopen.sdo import ANSWER_TIMEOUT_S, ObjectAccess
-from hardware.errors import HardwareError, SdoRefused
+from hardware.errors import BusError, HardwareError, SdoRefused
 from hardware.monitors.node_monitor import describe_master_frame
 
 LISTEN_PERIODS: Final = 1.2
@@ -31,9 +31,6 @@ MAX_NAMED: Final = 6
 NO_OPERATOR_MONITORING: Final = (
     "node {} {}, and may keep moving without the operator's heartbeat: keep a hand on the hardware stop, "
     "and test it (sarcal arm-check)"
-)
-UNANSWERING: Final = (
-    "node {}: a heartbeat, but no SDO answer: stopped (NMT), or slower than sdo_timeout_s"
 )
 _POLL_S: Final = 0.02
 _MAX_ANSWER_PERIODS: Final = 10
@@ -86,8 +83,9 @@ class Probe:
     @property
     def unanswering(self) -> tuple[str, ...]:
         """Problems of the nodes that were heard but answered no request."""
+        problem = "a heartbeat, but no SDO answer: stopped (NMT), or slower than sdo_timeout_s"
         nodes = sorted({*self.heard} - {found.node for found in self.nodes})
-        return tuple(map(UNANSWERING.format, nodes))
+        return tuple(f"node {node}: {problem}" for node in nodes)
 
 
 class _Listener:
@@ -140,7 +138,7 @@ def probe(wire: SharedBus, profile: BusProfile) -> Probe:
     """
     timeout_s = profile.sdo_timeout_s or ANSWER_TIMEOUT_S
     listener = _Listener(profile)
-    with receiving(wire, listener.take_in, "sarcal-probe"):
+    with receiving(wire, listener.take_in, "sarcal-probe") as failures:
         time.sleep(listener.listen_s)
         if others := listener.take_masters():
             busy = f"another program uses this bus: {others}"
@@ -151,6 +149,8 @@ def probe(wire: SharedBus, profile: BusProfile) -> Probe:
                 time.sleep(_POLL_S)  # slow adapters take a few frames at a time
         listener.wait_for_answers(timeout_s)
         answers = dict(listener.answers)
+        if failures:
+            raise BusError(failures[0])
         access = ObjectAccess(wire.send, sorted(answers), timeout_s=timeout_s)
         listener.deliver = access.deliver
         nodes = tuple(

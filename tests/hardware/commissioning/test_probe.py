@@ -7,8 +7,8 @@ from unittest.mock import Mock
 import pytest
 
 from hardware.buses.shared_bus import SharedBus
-from hardware.canopen.sdo import ObjectAccess
-from hardware.commissioning.probe import Probe, probe
+from hardware.commissioning.probe import ObjectAccess, Probe, probe
+from hardware.errors import BusError
 from tests.hardware.fake_arm import FakeArmBus
 from tests.oracles.profiles import sarcos
 
@@ -30,11 +30,10 @@ def probe_of(bus: FakeArmBus, slowest_ms: int = 50) -> Probe:
 
 def test_probe_lists_every_node_with_type_and_position(bus):
     result = probe_of(bus)
-    assert result.busy == ""
-    assert result.heard == tuple(node.node for node in result.nodes) == (*range(1, 8), 16)
+    assert (result.busy, result.heard) == ("", tuple(node.node for node in result.nodes))
     assert [node.drive for node in result.nodes] == [True] * 7 + [False]
     assert [node.position_counts for node in result.nodes] == [*range(1000, 6001, 1000), 100, None]
-    assert [node.serial_number for node in result.nodes] == [*range(7001, 7008), 7016]
+    assert [node.serial_number - 7000 for node in result.nodes] == [*range(1, 8), 16]
     assert [node.problems for node in result.nodes] == [()] * 8
 
 
@@ -68,13 +67,11 @@ def test_probe_lists_heard_nodes_that_do_not_answer_in_time(bus, monkeypatch):
 
 
 def test_probe_checks_heartbeat_consumers(bus):
-    """A wrong entry, which connecting refuses, is a problem; a missing one, or no reaction, is a note."""
     for node, time_ms in ((1, 500), (2, 0), (4, 500)):
         bus.set_heartbeat_consumers(node, (127, time_ms))
     bus.objects[4, 0x6007, 0] = bytes(2)
     nodes = {node.node: node for node in probe_of(bus).nodes}
-    assert nodes[1].notes == nodes[16].notes == ()
-    assert nodes[1].problems == nodes[3].problems == nodes[4].problems == ()
+    assert nodes[1].notes == nodes[16].notes == nodes[1].problems == nodes[4].problems == ()
     assert nodes[4].notes[0].startswith("node 4 takes no action after a heartbeat time-out (6007h")
     assert "node 2, 1016h: expected a time-out of at most 10000 ms" in nodes[2].problems[0]
     assert nodes[3].notes[0].startswith("node 3 has no 1016h")
@@ -129,6 +126,9 @@ def test_busy_message_is_limited_to_six_frame_kinds(bus):
     assert probe_of(bus).busy.endswith("of node 6 (COB-ID 606h); and 3 more")
 
 
-def test_probe_of_empty_bus_lists_no_nodes(bus):
+def test_probe_of_empty_bus_lists_no_nodes_and_a_failed_adapter_is_named(bus):
     bus.offline = {*range(1, 8), 16}
     assert probe_of(bus) == Probe(busy="", heard=(), nodes=())
+    bus.recv = Mock(side_effect=OSError("adapter gone"))
+    with pytest.raises(BusError, match="adapter gone"):
+        probe_of(bus)

@@ -4,6 +4,7 @@
 joints have answered the previous SYNC; a run on a seeded virtual arm is then reproducible.
 """
 
+import math
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -133,6 +134,10 @@ class LatencyMonitor:
         self._last = (now, 0.0)  # replaced as a whole: other threads read a consistent pair
         self._queue_empty_at_s = now
         self._late_now = False
+
+    def end(self) -> None:
+        """End measuring: nobody reads the bus any more, and silence from now on is not the host's."""
+        self._last = (math.inf, self.late_s)
 
     def frame_read(self, stamp_s: float = 0.0) -> float:
         """Record that a frame was read now; return how long it waited to be read, s. A stamp of 0 means no stamp."""

@@ -140,7 +140,7 @@ def open_arm(
             open_main=opener,
         )
         arm = CanopenArm(on_bus, record_to=record_to)
-        stack.callback(_print_recording_problem, arm)
+        stack.callback(lambda: print_recording_problem(arm.record_to, arm.recording_failure))
         stack.callback(arm.close)
         yield Rig(
             arm=arm,
@@ -150,7 +150,7 @@ def open_arm(
             truths=partial(true_values, procedure.arm, procedure.fixture, stated)
             if embedded
             else None,
-            recording_ended=partial(_recording_problem, arm),
+            recording_ended=lambda: _recording_problem(arm.record_to, arm.recording_failure),
         )
 
 
@@ -171,17 +171,14 @@ def _outside_arm(
     return OutsideArm(offer, order, f"the arm {bus.interface!r}")
 
 
-def _recording_problem(arm: CanopenArm) -> str:
-    if arm.recording_failure is None:
-        return ""
-    return (
-        f"the recording of the bus, {arm.record_to}, ends early: {arm.recording_failure}. "
-        "Free some space, or record to another disk"
-    )
+def _recording_problem(path: Path | None, failure: str | None) -> str:
+    remedy = "Free some space, or record to another disk"
+    return f"the recording of the bus, {path}, ends early: {failure}. {remedy}" if failure else ""
 
 
-def _print_recording_problem(arm: CanopenArm) -> None:
-    if problem := _recording_problem(arm):
+def print_recording_problem(path: Path | None, failure: str | None) -> None:
+    """Print why the recording of a bus to `path` ended early; nothing if there was no `failure`."""
+    if problem := _recording_problem(path, failure):
         say(f"sarcal: {problem}.", err=True)
 
 

@@ -218,10 +218,10 @@ def describe_failure(settings: BusSettings, error: Exception) -> str:
             f"The driver of interface {settings.interface} is not installed: {error}. Install it as "
             "its maker and python-can's manual describe."
         )
-    reason = str(error).rstrip(".")
-    return (
-        f"The bus {settings} cannot be opened: {reason}. Check the interface and the channel name."
-    )
+    reason, remedy = str(error).rstrip("."), "Check the interface and the channel name."
+    if isinstance(error, TypeError):  # raised for an option that is missing
+        remedy = "Options other than channel and bitrate are read from ~/can.conf and CAN_CONFIG."
+    return f"The bus {settings} cannot be opened: {reason}. {remedy}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,7 +43,7 @@ class Recording:
         self._numbers_channels = path.suffix.lower() == ".blf"
         try:
             self._writer: Any = can.Logger(str(_unused(path)))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, NotImplementedError) as error:
             raise BusError(
                 f"The bus cannot be recorded to {path}: {error}. Choose another file."
             ) from error
@@ -218,7 +218,8 @@ class SharedBus:
         """End the recording and shut the bus down. May be called twice."""
         if self._recording is not None:
             self._recording.close()
-        self._bus.shutdown()
+        with suppress(Exception):  # an unplugged adapter cannot be closed
+            self._bus.shutdown()
 
 
 @contextmanager

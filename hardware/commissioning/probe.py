@@ -9,25 +9,22 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final
 
 import can
 from canopen.sdo import constants as sdo
 
-from hardware.buses.python_can import BusSettings, open_bus
 from hardware.buses.shared_bus import SharedBus, receiving
 from hardware.canopen import drive_settings, maps, objects
 from hardware.canopen.bus_profile import COMMAND_OBJECTS, FEEDBACK_OBJECTS, BusProfile
 from hardware.canopen.drive_settings import DrivePdo
-from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import HardwareError, SdoRefused
+from hardware.canopen.sdo import ANSWER_TIMEOUT_S, ObjectAccess
+from hardware.errors import BusError, HardwareError, SdoRefused
 from hardware.monitors.node_monitor import describe_master_frame
 
 LISTEN_PERIODS: Final = 1.2
 """Time to listen, as a multiple of the slowest heartbeat that the profile allows. At the default limit (1 s), an
 operator sends several heartbeats in this time, and every node sends one."""
-ANSWERS_S: Final = 0.6
 NODES: Final = range(1, 127)
 MAX_NAMED: Final = 6
 """Largest number of different foreign frames named in a message."""
@@ -83,6 +80,13 @@ class Probe:
     nodes: tuple[FoundNode, ...]
     meanwhile: str = ""
 
+    @property
+    def unanswering(self) -> tuple[str, ...]:
+        """Problems of the nodes that were heard but answered no request."""
+        problem = "a heartbeat, but no SDO answer: stopped (NMT), or slower than sdo_timeout_s"
+        nodes = sorted({*self.heard} - {found.node for found in self.nodes})
+        return tuple(f"node {node}: {problem}" for node in nodes)
+
 
 class _Listener:
     """Counts heartbeats, SDO answers and frames of other masters."""
@@ -127,21 +131,14 @@ class _Listener:
             self.deliver(identifier, data)
 
 
-def probe(
-    settings: BusSettings,
-    profile: BusProfile,
-    *,
-    opener: Callable[[BusSettings], can.BusABC] = open_bus,
-    answers_s: float = ANSWERS_S,
-    record_to: Path | None = None,
-) -> Probe:
-    """Find the nodes on a bus and compare its drives with a profile; `BusError` if the bus fails.
+def probe(wire: SharedBus, profile: BusProfile) -> Probe:
+    """Find the nodes on a bus and compare its drives with a profile; `BusError` if the bus fails. Closes the bus.
 
-    The probe listens before it sends anything. `answers_s`: silence after which no more answers are expected.
+    The probe listens before it sends anything. A node may take as long to answer as in a session.
     """
-    wire = SharedBus(opener(settings), record_to=record_to)
+    timeout_s = profile.sdo_timeout_s or ANSWER_TIMEOUT_S
     listener = _Listener(profile)
-    with receiving(wire, listener.take_in, "sarcal-probe"):
+    with receiving(wire, listener.take_in, "sarcal-probe") as failures:
         time.sleep(listener.listen_s)
         if others := listener.take_masters():
             busy = f"another program uses this bus: {others}"
@@ -150,9 +147,11 @@ def probe(
             wire.send(objects.COB_SDO_TO_SERVER + node, _READ_DEVICE_TYPE)
             if node % 16 == 0:
                 time.sleep(_POLL_S)  # slow adapters take a few frames at a time
-        listener.wait_for_answers(answers_s)
+        listener.wait_for_answers(timeout_s)
         answers = dict(listener.answers)
-        access = ObjectAccess(wire.send, sorted(answers))
+        if failures:
+            raise BusError(failures[0])
+        access = ObjectAccess(wire.send, sorted(answers), timeout_s=timeout_s)
         listener.deliver = access.deliver
         nodes = tuple(
             _read_node(access, profile, node, listener, answers[node]) for node in sorted(answers)

@@ -207,6 +207,7 @@ class ControlLoop:
             self.failure = error
         finally:
             self._running = False
+            self.latency.end()
             while self._tasks:
                 self._tasks.popleft().finish(error=self._closed_error())
 

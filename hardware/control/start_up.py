@@ -138,7 +138,7 @@ class StartUp:
         self._read_fault_codes(first)
         self._link.read_modes()
         self._raise_if_cancelled()
-        access.raise_if_cancelled = lambda: None  # a later STOP ends no access
+        self._pressed = lambda: False  # a later STOP ends no access, but a failed bus does
         configured = (*self._configured, *zeroed)
         return replace(identity, unwatching=unwatching, configured=configured, zeroed=zeroed)
 

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import Final
 
@@ -120,4 +121,5 @@ class StopLine:
     def close(self) -> None:
         """Shut the handle down."""
         if self._bus is not None:
-            self._bus.shutdown()
+            with suppress(Exception):  # an unplugged adapter cannot be closed
+                self._bus.shutdown()

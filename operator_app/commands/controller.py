@@ -19,6 +19,7 @@ from hardware.virtual.faults import ScriptedFault
 from hardware.virtual.tracker import HOST, TRACKER_PORT, SimulatedTracker, serve_tracker
 from operator_app.commands.bus_arguments import FAULT_HELP
 from operator_app.commands.choices import choices_from
+from operator_app.composition import print_recording_problem
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure_file import load_procedure
@@ -123,12 +124,8 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
         with record_bus(settings, path) as problem_of:
             yield
     finally:
-        if problem_of is not None and (problem := problem_of()):
-            say(
-                f"sarcal: the recording of the bus, {path}, has ended early: {problem}. "
-                "Free some space, or record to another disk.",
-                err=True,
-            )
+        if problem_of is not None:
+            print_recording_problem(path, problem_of())
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from hardware.buses.python_can import open_bus
 from hardware.buses.shared_bus import SharedBus
 from hardware.commissioning.bus_monitor import BusMonitor
 from operator_app.commands.choices import bus_of_others
+from operator_app.composition import print_recording_problem
 from operator_app.config.procedure import DEFAULT_PROFILE
 from operator_app.config.profile_file import load_profile
 from operator_app.exit_codes import ExitCode
@@ -37,6 +38,7 @@ def execute(args: argparse.Namespace) -> int:
             raise
     finally:
         wire.close()
+        print_recording_problem(args.record, wire.recording_failure)
     summary = monitor.summary()
     if args.json:
         say(as_json(summary))

@@ -6,9 +6,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from hardware.buses.python_can import open_bus
+from hardware.buses.shared_bus import SharedBus
 from hardware.commissioning.probe import Probe, probe
 from hardware.commissioning.profile_draft import DraftRefused, draft
 from operator_app.commands.choices import bus_of_others
+from operator_app.composition import print_recording_problem
 from operator_app.config.any_file import save_with_schema, schema_line
 from operator_app.config.procedure import DEFAULT_PROFILE
 from operator_app.config.profile_file import format_profile, load_profile
@@ -42,10 +45,12 @@ def execute(args: argparse.Namespace) -> int:
     settings = bus_of_others(args)
     if args.draft is not None and exists(args.draft):
         raise UsageError(f"--draft: {args.draft} exists; name another file")
-    result = probe(settings, load_profile(args.profile or DEFAULT_PROFILE), record_to=args.record)
+    profile = load_profile(args.profile or DEFAULT_PROFILE)
+    result = probe(wire := SharedBus(open_bus(settings), record_to=args.record), profile)
+    print_recording_problem(args.record, wire.recording_failure)
     if args.draft is not None:
         return _draft(args, result)
-    problems = [problem for node in result.nodes for problem in node.problems]
+    problems = [*result.unanswering, *(text for node in result.nodes for text in node.problems)]
     if result.meanwhile:
         problems.insert(0, f"{result.meanwhile}: end that program, then probe again")
     fine = bool(result.nodes) and not problems
@@ -102,7 +107,8 @@ def _report_no_nodes(result: Probe, bus: str) -> bool:
             err=True,
         )
     elif not result.nodes:
-        say(f"sarcal: no node answers on {bus}. Check power, cable and bitrate.", err=True)
+        why = "; ".join(result.unanswering) or "Check power, cable and bitrate"
+        say(f"sarcal: no node answers on {bus}. {why}.", err=True)
     return bool(result.busy) or not result.nodes
 
 
@@ -129,6 +135,8 @@ def _draft(args: argparse.Namespace, result: Probe) -> int:
         heading += f"\n  Not known for nodes without 1016h: {silent}."
     content = format_profile(made, comment=heading)
     save_with_schema(args.draft, content, "profile")
+    for line in result.unanswering:
+        say(f"sarcal: not in the profile: {line}.", err=True)
     if args.json:
         say(as_json({**probe_json(result), "draft": str(args.draft)}))
         return ExitCode.ACCEPTED

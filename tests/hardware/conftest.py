@@ -9,7 +9,8 @@ import can
 import pytest
 
 from hardware.arm_description import ArmDescription, EncoderDescription
-from hardware.buses.python_can import BusSettings
+from hardware.buses.python_can import BusSettings, open_bus
+from hardware.buses.shared_bus import SharedBus
 from hardware.canopen.bus_profile import BusProfile
 from hardware.commissioning.probe import probe
 from hardware.commissioning.profile_draft import draft
@@ -48,7 +49,7 @@ def unconnected(
 
 def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
     """Probe the bus and draft a profile, which survives being written to a file."""
-    nodes = probe(settings, sarcos(), answers_s=1.0).nodes
+    nodes = probe(SharedBus(open_bus(settings)), sarcos()).nodes
     profile = draft(nodes, name="acme", configure=configure)
     text = format_profile(profile, comment="drafted")
     assert parse_profile(text, "acme.yaml", joints=JOINTS) == profile

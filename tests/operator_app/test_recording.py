@@ -8,9 +8,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 
+import can
 import pytest
 
 from hardware.timing import Pace
+from operator_app.cli import main
 from operator_app.composition import open_arm
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.ui.snapshot import Level, TaskKind
@@ -36,8 +38,18 @@ def test_incomplete_recording_is_reported_when_the_arm_is_closed(
     with file_size_limit(limit_bytes), open_arm(opening, record_to=record_to) as rig:
         assert rig.arm.connect().serial_number
     messages = capsys.readouterr().err
-    assert (f"{record_to}, ends early: " in messages) is reported
-    assert ("Free some space" in messages) is reported
+    assert (f"{record_to}, ends early: " in messages) is ("Free some" in messages) is reported
+
+
+@pytest.mark.parametrize("words", [("monitor", "--seconds", "0.1"), ("probe",)])
+def test_monitor_and_probe_report_an_incomplete_recording(tmp_path, capsys, monkeypatch, words):
+    bus, other = (can.Bus(tmp_path, interface="virtual") for _ in range(2))
+    other.send_periodic(can.Message(arbitration_id=0x80), 0.002)
+    monkeypatch.setattr(f"operator_app.commands.{words[0]}.open_bus", lambda _: bus)
+    monkeypatch.setattr("sys.dont_write_bytecode", True)  # such files would be cut too
+    with file_size_limit(100):
+        main([*words, "-i", "loopback", "--record", str(tmp_path / "bus.log")])
+    assert "bus.log, ends early" in capsys.readouterr().err
 
 
 def wait_until(condition: Callable[[], object]) -> None:
@@ -61,14 +73,11 @@ def test_app_warns_of_an_incomplete_recording(tmp_path, capsys):
     # The journal stays below this limit.
     with file_size_limit(100_000):
         runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect)
-        wait_until(recording_messages)
-        wait_until(lambda: runner.snapshot().task is None)
+        wait_until(lambda: recording_messages() and runner.snapshot().task is None)
         assert runner.snapshot().connected
         source.close("end of the test")
     ((level, text),) = recording_messages()
-    assert level is Level.WARNING
-    assert text.startswith(f"The recording of the bus, {record_to}, ends early: ")
-    assert text.endswith("Free some space, or record to another disk")
+    assert (level, str(record_to) in text) == (Level.WARNING, True)
     assert "ends early" in capsys.readouterr().err
 
 

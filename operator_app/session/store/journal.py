@@ -109,7 +109,7 @@ class Journal:
                 raise JournalError(
                     f"cannot write to {path}: {error.strerror}",
                     "make the folder and its files writable, or resume a copy of it in a folder that is; "
-                    "`sarcal report` reads it as it is",
+                    "`sarcal report --text` reads it as it is",
                 ) from error
         _lock(descriptor, path)
         try:

@@ -36,6 +36,7 @@ from operator_app.session.ui.supervisor import Supervisor
 from operator_app.session.workflow.session import Session
 
 WATCH_PERIOD_S = 0.05
+CONNECTION_ATTEMPT_S = 30.0  # limits the wait of `close`: an adapter's driver may never return
 MOVING = frozenset(
     {TaskKind.MOVE, TaskKind.AUTOMATIC, TaskKind.WIGGLE, TaskKind.HOME, TaskKind.VERIFY}
 )
@@ -231,7 +232,7 @@ class Runner:
             self._closing.set()
             self._jobs.put(None)
         self.cancel()
-        self._worker.join()
+        self._worker.join(CONNECTION_ATTEMPT_S if self.connecting else None)
         self._watching.join()
         self.session.close(reason)
 
@@ -298,13 +299,15 @@ class Runner:
                 self.supervisor.check(now, unseen_s=now.now_s - self._polled_s)
 
     def send_quick_stop(self) -> bool:
-        """Send a quick stop without informing the operator; return whether it was sent.
+        """Send a quick stop, report only a failure in the snapshot, and return whether it was sent.
 
         Cancels all cancellable tasks except connecting, which the operator may have requested at the same time.
         """
         self.cancel(but=TaskKind.CONNECT)
         try:
             self.session.arm.stop()
-        except HardwareError:
+        except HardwareError as error:
+            report = StopReport(asked_s=self._monotonic(), problem=str(error))
+            self.publish(lambda s: replace(s, stop=report))
             return False
         return True

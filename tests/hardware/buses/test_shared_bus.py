@@ -3,6 +3,7 @@ import random
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from unittest.mock import Mock
 
 import can
 import pytest
@@ -33,11 +34,7 @@ class FullQueueBus(can.BusABC):
 
 @pytest.mark.parametrize(
     "error",
-    [
-        no_buffer_space(),
-        OSError(errno.ENOBUFS, "No buffer space available"),
-        can.CanOperationError("Transmit buffer full"),
-    ],
+    [no_buffer_space(), OSError(errno.ENOBUFS, ""), can.CanOperationError("Transmit buffer full")],
 )
 def test_frame_refused_by_a_full_queue_is_sent_again_and_counted(error):
     bus = FullQueueBus(3, error)
@@ -53,8 +50,7 @@ def test_queue_full_until_the_timeout_raises_bus_error():
     with pytest.raises(BusError, match="ip link set can0 txqueuelen") as full:
         shared.send(0x080, b"")
     assert time.monotonic() - start_s >= 0.02
-    assert queue_is_full(full.value)
-    assert shared.queue_full > 0
+    assert (queue_is_full(full.value), shared.queue_full > 0) == (True, True)
 
 
 def test_other_send_error_raises_bus_error_at_once():
@@ -71,6 +67,7 @@ def frame(number: int, stamp: float) -> can.Message:
         data=number.to_bytes(4, "little"),
         is_extended_id=False,
         timestamp=stamp,
+        channel="bench-4294967296",  # for .blf, python-can packs this number into two bytes
     )
 
 
@@ -93,36 +90,25 @@ def test_frames_received_late_are_recorded_in_order(tmp_path, suffix):
     rng = random.Random(4)  # noqa: S311 - no secret
     stamps = [1.7e9 + 0.001 * k for k in range(3000)]
     order = sorted(range(len(stamps)), key=lambda k: stamps[k] + rng.uniform(0.0, 0.9 * REORDER_S))
-    assert order != sorted(order)
     recording = Recording(tmp_path / f"bus{suffix}")
     for number in order:
         (recording.note if number % 7 == 0 else recording.record)(frame(number, stamps[number]))
     recording.close()
     recording.close()
     assert recording.failure is None
-    frames = read_recording(tmp_path / f"bus{suffix}")
-    assert [number for number, _ in frames] == list(range(3000))
-    assert [stamp for _, stamp in frames] == pytest.approx(stamps, abs=1e-5)
-
-
-@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
-def test_channel_name_ending_in_digits_is_recorded(tmp_path, suffix):
-    """python-can packs the number at the end of a channel's name into two bytes."""
-    recording, message = Recording(tmp_path / f"bus{suffix}"), frame(0x701, 1.7e9)
-    message.channel = "bench-4294967296"
-    recording.record(message)
-    recording.close()
-    assert recording.failure is None
-    assert [number for number, _ in read_recording(tmp_path / f"bus{suffix}")] == [0x701]
-
-
-def test_frames_with_equal_timestamps_keep_their_order(tmp_path):
-    assert record(tmp_path / "bus.log", [1.7e9] * 100) == list(range(100))
+    numbers, times = zip(*read_recording(tmp_path / f"bus{suffix}"), strict=True)
+    assert (numbers, times) == (tuple(range(3000)), pytest.approx(stamps, abs=1e-5))
 
 
 def test_clock_set_back_loses_and_delays_no_frame(tmp_path):
-    stamps = [5000.0, 5000.1, 1000.0, 1000.2, 1000.1, 1000.3, 9000.0, 9000.1]
-    assert record(tmp_path / "bus.log", stamps) == [0, 1, 2, 4, 3, 5, 6, 7]
+    stamps = [5000.0, 5000.1, 5000.1, 1000.0, 1000.2, 1000.1, 1000.3, 9000.0, 9000.1]
+    assert record(tmp_path / "bus.log", stamps) == [0, 1, 2, 3, 5, 4, 6, 7, 8]
+
+
+def test_format_without_its_package_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("can.Logger", Mock(side_effect=NotImplementedError))
+    with pytest.raises(BusError, match="Choose another file"):
+        Recording(tmp_path / "bus.mf4")
 
 
 def test_dangling_link_is_not_followed(tmp_path):

@@ -2,11 +2,13 @@
 
 import struct
 from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 
-from hardware.buses.python_can import BusSettings
-from hardware.commissioning.probe import Probe, probe
+from hardware.buses.shared_bus import SharedBus
+from hardware.commissioning.probe import ObjectAccess, Probe, probe
+from hardware.errors import BusError
 from tests.hardware.fake_arm import FakeArmBus
 from tests.oracles.profiles import sarcos
 
@@ -22,17 +24,16 @@ def bus(monkeypatch):
 
 
 def probe_of(bus: FakeArmBus, slowest_ms: int = 50) -> Probe:
-    profile = replace(sarcos(), slowest_heartbeat_ms=slowest_ms)
-    return probe(BusSettings(channel="fake"), profile, opener=lambda _: bus, answers_s=0.1)
+    profile = replace(sarcos(), slowest_heartbeat_ms=slowest_ms, sdo_timeout_s=0.1)
+    return probe(SharedBus(bus), profile)
 
 
 def test_probe_lists_every_node_with_type_and_position(bus):
     result = probe_of(bus)
-    assert result.busy == ""
-    assert result.heard == tuple(node.node for node in result.nodes) == (1, 2, 3, 4, 5, 6, 7, 16)
+    assert (result.busy, result.heard) == ("", tuple(node.node for node in result.nodes))
     assert [node.drive for node in result.nodes] == [True] * 7 + [False]
     assert [node.position_counts for node in result.nodes] == [*range(1000, 6001, 1000), 100, None]
-    assert [node.serial_number for node in result.nodes] == [*range(7001, 7008), 7016]
+    assert [node.serial_number - 7000 for node in result.nodes] == [*range(1, 8), 16]
     assert [node.problems for node in result.nodes] == [()] * 8
 
 
@@ -43,7 +44,6 @@ def test_probe_lists_every_node_with_type_and_position(bus):
         ("duplicates_response", {3}.__contains__, ("two devices answer as node 3",)),
         ("without_heartbeat", {3}, ("no heartbeat was heard in 0.3 s",)),
     ],
-    ids=["mapping", "duplicate node", "no heartbeat"],
 )
 def test_probe_reports_problem_of_one_node(bus, attribute, value, words):
     setattr(bus, attribute, value)
@@ -58,22 +58,23 @@ def test_probe_listens_for_the_slowest_heartbeat(bus):
     assert "heard in 0.6 s" in probe_of(bus, slowest_ms=2000).nodes[2].problems[0]
 
 
+def test_probe_lists_heard_nodes_that_do_not_answer_in_time(bus, monkeypatch):
+    access = Mock(wraps=ObjectAccess)
+    monkeypatch.setattr("hardware.commissioning.probe.ObjectAccess", access)
+    bus.drops = lambda identifier, _data: identifier == 0x603
+    assert [text.partition(": a h")[0] for text in probe_of(bus).unanswering] == ["node 3"]
+    assert access.call_args.kwargs == {"timeout_s": 0.1}
+
+
 def test_probe_checks_heartbeat_consumers(bus):
-    """A wrong entry, which connecting refuses, is a problem; a missing one, or no reaction, is a note."""
     for node, time_ms in ((1, 500), (2, 0), (4, 500)):
         bus.set_heartbeat_consumers(node, (127, time_ms))
     bus.objects[4, 0x6007, 0] = bytes(2)
     nodes = {node.node: node for node in probe_of(bus).nodes}
-    assert (nodes[1].problems, nodes[1].notes) == ((), ())
-    assert nodes[4].problems == ()
+    assert nodes[1].notes == nodes[16].notes == nodes[1].problems == nodes[4].problems == ()
     assert nodes[4].notes[0].startswith("node 4 takes no action after a heartbeat time-out (6007h")
-    assert (
-        "node 2, 1016h: expected a time-out of at most 10000 ms for the heartbeat of node 127"
-        in nodes[2].problems[0]
-    )
-    assert nodes[3].problems == ()
+    assert "node 2, 1016h: expected a time-out of at most 10000 ms" in nodes[2].problems[0]
     assert nodes[3].notes[0].startswith("node 3 has no 1016h")
-    assert nodes[16].notes == ()
 
 
 @pytest.mark.parametrize(
@@ -99,16 +100,14 @@ def test_probe_of_bus_with_other_master_sends_nothing(bus, identifier, data, wor
         bus.inject(identifier, bytes.fromhex(data))
     result = probe_of(bus)
     assert result.busy == f"another program uses this bus: {words}, 2 times"
-    assert (127 in result.heard) is (identifier == 0x77F)
-    assert bus.sent == []
+    assert (127 in result.heard, bus.sent) == (identifier == 0x77F, [])
 
 
 @pytest.mark.parametrize("identifier", [0x081, 0x100, 0x185, 0x283, 0x586, 0x703, 0x7E4])
 def test_node_initiated_frames_do_not_make_bus_busy(bus, identifier):
     bus.inject(identifier, bytes(8))
     result = probe_of(bus)
-    assert (result.busy, result.meanwhile) == ("", "")
-    assert result.nodes
+    assert (result.busy, result.meanwhile, len(result.nodes)) == ("", "", 8)
 
 
 def test_master_starting_during_probe_is_reported(bus):
@@ -118,11 +117,7 @@ def test_master_starting_during_probe_is_reported(bus):
 
     bus.on_send = interfere
     result = probe_of(bus)
-    assert len(result.nodes) == 8
-    assert (
-        "started to use this bus during the probe: a read of 6064h of node 8 (COB-ID 608h)"
-        in result.meanwhile
-    )
+    assert (len(result.nodes), "probe: a read of 6064h of" in result.meanwhile) == (8, True)
 
 
 def test_busy_message_is_limited_to_six_frame_kinds(bus):
@@ -131,6 +126,9 @@ def test_busy_message_is_limited_to_six_frame_kinds(bus):
     assert probe_of(bus).busy.endswith("of node 6 (COB-ID 606h); and 3 more")
 
 
-def test_probe_of_empty_bus_lists_no_nodes(bus):
+def test_probe_of_empty_bus_lists_no_nodes_and_a_failed_adapter_is_named(bus):
     bus.offline = {*range(1, 8), 16}
     assert probe_of(bus) == Probe(busy="", heard=(), nodes=())
+    bus.recv = Mock(side_effect=OSError("adapter gone"))
+    with pytest.raises(BusError, match="adapter gone"):
+        probe_of(bus)

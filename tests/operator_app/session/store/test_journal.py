@@ -276,5 +276,5 @@ def test_session_on_a_read_only_file_system_is_refused_with_a_remedy_that_helps(
     monkeypatch.setattr(os, "open", read_only)
     with pytest.raises(JournalError) as refused:
         Journal.resume(tmp_path / "s")
-    assert "writable" in refused.value.remedy
+    assert all(part in refused.value.remedy for part in ("writable", "report --text"))
     assert "session list" not in refused.value.remedy

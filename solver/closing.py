@@ -177,9 +177,11 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
     # Pivots no larger than a ridge at the level of rounding show a rank deficiency.
     ridge = SINGULAR**2 * largest + TINY
     pivots = np.diagonal(np.linalg.cholesky(V + ridge[..., None, None] * unit), axis1=-2, axis2=-1)
-    # Rounding errors grow towards the last pivot: for an exactly stretched arm it is as large as 20 ridges.
+    # Rounding errors grow towards the last pivot: for an exactly stretched arm it is as large as 20 ridges, and for
+    # fewer joints than equations as large as 1500.
     weak = (pivots**2).min(-1, initial=np.inf) < 1000.0 * ridge
-    dq = -(Bt @ np.linalg.solve(V + (ridge * weak)[..., None, None] * unit, w))[..., 0]
+    weak |= np.count_nonzero(sigma) < B.shape[-2]
+    dq = -(Bt @ np.linalg.solve(np.where(weak[..., None, None], unit, V), w))[..., 0]
     if weak.any() and sigma.any():
         dq[weak] = -(np.linalg.pinv(B[weak], rcond=SINGULAR) @ w[weak])[..., 0]
     dq *= sigma

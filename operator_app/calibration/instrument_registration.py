@@ -43,6 +43,8 @@ def with_registered_instrument(
     stated = fixture.tolerance
     if stated.position_m <= FAR_FROM_NOMINAL_M and stated.orientation_rad <= FAR_FROM_NOMINAL_RAD:
         return fixture
+    # An instrument that was moved has a base of its own in each placement: that with the most poses is used.
+    poses = poses.at_poses(poses.placement == np.bincount(poses.placement).argmax())
     return _refined(arm, placed_by_poses(arm, fixture, poses, {}), poses)
 
 

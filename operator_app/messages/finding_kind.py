@@ -408,6 +408,7 @@ class FindingKind(Enum):
         "REPEATED_ROWS",
         text="{count:d} of {of:d} rows repeat another, because no joint had moved in between: they count as "
         "{distinct:d} poses",
+        remedy="if these rows are a recording of an arm in motion, import it with --time COLUMN",
     )
     OUTLIERS = _Message(
         "OUTLIERS",

@@ -64,8 +64,9 @@ def _shift_json(shift: CommonShift, why: str) -> dict[str, Any]:
 def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) -> str:
     """Return the verification as text for a terminal of 80 columns, the verdict first."""
     tested = verdict.verification
-    # chi2 of the test that decided the verdict.
-    chi2 = verdict.stated if verdict.stated.per_dof > verdict.stated.high else tested.chi2
+    # Only the test at stated sizes decides the verdict. Above a limit, its chi2 is shown.
+    above = any(test.per_dof > test.high for test in (verdict.stated, tested.chi2))
+    chi2 = verdict.stated if above else tested.chi2
     per_dof, most = (CHI2(v).shown for v in (chi2.per_dof, chi2.high))
     odd = len(verdict.odd_poses)
     if verdict.holds:

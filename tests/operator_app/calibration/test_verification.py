@@ -72,10 +72,12 @@ def test_poses_measured_from_another_station_are_verified(measured):
     assert moved.stated.dof == here.stated.dof - 6
     shifted = verified(replace(later, endpoint=later.endpoint + 0.01))
     assert "another placement number" in shifted.why
-    stations = calibrate(
-        ARM, TRACKER, replace(measured, placement=np.arange(40) % 2 + 1), drop=True
-    )
-    assert "SAME_PLACEMENT" not in {w.code for w in stations.warnings}
+    two, there = np.arange(40) % 2, seen_from_another_station(measured).endpoint
+    for endpoint in (measured.endpoint, np.where(two[:, None], there, measured.endpoint)):
+        seen = replace(measured, placement=two + 1, endpoint=endpoint)
+        stations = calibrate(ARM, TRACKER, seen, drop=True)
+        same = "SAME_PLACEMENT" in {w.code for w in stations.warnings}
+        assert (stations.accepted, same) == (True, False)
     assert moved.verification.sigmas.position_m.rms < 5.0 * SIGMA_M
     # Placement 1 may be the default of a file that states no placement: the instrument counts as unmoved.
     assert not verified(seen_from_another_station(later, 1)).holds
@@ -86,11 +88,9 @@ def test_poses_measured_from_another_station_are_verified(measured):
     few = replace(later, q_rad=later.q_rad[rows], endpoint=later.endpoint[rows])
     with pytest.raises(NoTestError, match="at least 4 different poses"):
         verified(seen_from_another_station(few))
-    known = replace(TRACKER, base_known=True)
+    known, new = replace(TRACKER, base_known=True), seen_from_another_station(later)
     with pytest.raises(NoTestError, match="placement 2, which was not calibrated"):
-        verify_new_poses(
-            ARM, known, solution, made_from=made_from, new=seen_from_another_station(later)
-        )
+        verify_new_poses(ARM, known, solution, made_from=made_from, new=new)
 
 
 def test_rounded_endpoints_are_not_new_poses(measured):

@@ -102,6 +102,8 @@ def test_setup_that_cannot_be_calibrated_is_explained(run_command):
     assert chain["mobility"] == 1
     assert "IMMOBILE_4" in {c["code"] for c in chain["checks"] if c["severity"] == "refused"}
     assert [j["sensor"] for j in chain["joints"]] == ["encoder"] * 5 + ["rvdt"] * 2
+    message = run_command(5, "check", "--arm", "xarm6", "--fixture", "rigid").words
+    assert "6 joints cannot move in a rigid fixture, which needs more than 6" in message
 
     header, first, *_ = POSES.read_text().splitlines()
     same = [first.replace("1,1,", f"1,{k},", 1) for k in range(1, 30)]

@@ -9,6 +9,7 @@ import re
 import shutil
 from collections.abc import Iterator
 from contextlib import redirect_stdout
+from dataclasses import replace
 from io import StringIO
 from types import SimpleNamespace
 from typing import Any
@@ -18,13 +19,13 @@ import sarcal
 
 from operator_app.cli import main
 from operator_app.report.facts import estimate_json, facts_of
-from operator_app.report.results.verification import verified_words
+from operator_app.report.results.verification import verification_text, verified_words
 from operator_app.report.spans import Line
 from operator_app.report.subject import facts_on
 from operator_app.report.table import FactTable
 from operator_app.report.text import facts_text, headline_spans, table_spans, verdict_text
 from operator_app.session.ui.operations import Operations
-from operator_app.units import CONDITION, Figure
+from operator_app.units import CHI2, CONDITION, Figure
 from tests.oracles.journalled_sessions import Quiet, resume_on_plant
 from tests.oracles.story import story, with_condition_above
 
@@ -262,17 +263,14 @@ def test_text_and_screen_show_no_orientation(calibrated):
     _, body = table_spans(table)
     screen = ["".join(words for words, _ in spans) for spans in body]
     for lines in (facts_text(facts).splitlines(), screen):
-        rows = [line for line in lines if re.search(r"before|after|comparison", line)]
-        closures = [line for line in rows if "n/a" in line]
+        closures = [x for x in lines if "n/a" in x and re.search("before|after|comparison", x)]
         assert len(closures) == len(table.rows)
         assert all(line.count("n/a") == 2 for line in closures)
 
 
 def test_verification_uses_positions_only(calibrated):
     verification = sarcal.verify(*calibrated)
-    rows = [
-        line for line in str(verification).splitlines() if line.lstrip().startswith("calibrated")
-    ]
+    rows = [row for row in str(verification).splitlines() if "  calibrated" in row]
     assert [row.split()[-2:] for row in rows] == 3 * [["n/a", "n/a"]]
     data = verification.to_json()
     assert data["with_best_table"]["sigma_pos_mm"]["rms"] > 0.0
@@ -281,3 +279,6 @@ def test_verification_uses_positions_only(calibrated):
     hinge = story()["verified"].verification
     assert re.search(r": [\d.]+ mm, [\d.]+ mrad rms, chi2", verified_words(hinge))
     assert data["sigma_ori_mrad"] == data["nominal"]["sigma_ori_mrad"] == UNKNOWN
+    learned = replace(hinge.verification, chi2=replace(hinge.verification.chi2, high=0.0))
+    text = verification_text(replace(hinge, verification=learned), calibrated[1], "")
+    assert f"exceeds {CHI2(hinge.stated.high).shown}." in " ".join(text.split())

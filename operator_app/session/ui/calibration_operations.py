@@ -219,7 +219,8 @@ class CalibrationOperations(Listener):
         result, _ = verify(self._session, self._current_solution(), poses, self)
         self.refresh()
         self._publish(verification=result)
-        rms = SIGMA_POS(result.verification.sigmas.position_m.rms).with_unit
+        sigmas = result.in_use.best_table or result.verification.sigmas  # as step 7 shows them
+        rms = SIGMA_POS(sigmas.position_m.rms).with_unit
         level = Level.INFO if result.holds else Level.WARNING
         self.report(f"{result.poses} new poses {result.verdict}: {rms} rms", level)
 

@@ -84,11 +84,10 @@ def test_steps_of_a_resumed_session_show_its_result_before_the_arm_is_connected(
 @pytest.mark.parametrize("width", [98, 80])
 def test_node_in_fault_shows_its_code(width):
     s = tripped(story()["connected"])
-    text = "excess torque"
-    fault = Fault(node=4, joint=4, code=0x8311, text=text, sync_count=0)
+    fault = Fault(node=4, joint=4, code=0x8311, text="excess torque", sync_count=0)
     s = replace(s, arm=replace(s.arm, faults=(fault,)))
     rows = lines_of(NodesPanel(), s, width, 12)
-    assert [row.partition("■ ")[2] for row in rows if "■" in row] == [f"fault 8311h: {text}"]
+    assert [row.partition("■ ")[2] for row in rows if "■" in row] == ["fault 8311h: excess torque"]
     assert max(map(len, rows)) <= width
 
 
@@ -116,17 +115,14 @@ async def test_every_panel_names_the_same_verdict(still):
 
 
 def test_condition_limit_is_that_of_the_procedure():
-    strict = {
-        "acceptance": replace(
-            story()["capturing"].procedure.acceptance, scaled_condition_number=20.0
-        )
-    }
+    acceptance = story()["capturing"].procedure.acceptance
+    strict = replace(acceptance, scaled_condition_number=20.0)
     for name, panel, step, width in (
         ("connected", ChecksPanel(), Step.FIXTURE, 98),
         ("capturing", QualityPanel(), Step.CAPTURE, 60),
     ):
         s = story()[name]
-        s = replace(s, procedure=replace(s.procedure, **strict))
+        s = replace(s, procedure=replace(s.procedure, acceptance=strict))
         words = " ".join(lines_of(panel, s, width, 30) + describe(step, s))
         assert "20" in words
         assert "100" not in words
@@ -135,16 +131,16 @@ def test_condition_limit_is_that_of_the_procedure():
 @pytest.mark.parametrize("height", [9, 14, 30, 60])
 def test_ranking_counts_what_does_not_fit(height):
     s = story()["ticked"]
-    all_rows = lines_of(PlanPanel(), s, 66, 200)
-    rows = lines_of(PlanPanel(), s, 66, height)
+    all_rows, rows = (lines_of(PlanPanel(), s, 66, h) for h in (200, height))
+    worst = lines_of(PlanPanel(), replace(s, selected_joints=s.ranked[-1].drives), 66, height)
+    assert any(row.startswith(" ▌") for row in worst), "the marked pair is always shown"
     assert len(rows) <= height
     if len(all_rows) <= height:
         assert rows == all_rows
     else:
         assert rows[:-1] == all_rows[: len(rows) - 1]
-        count = int(rows[-1].split()[0])
         shown = sum(row[3:5].strip().isdigit() for row in rows[:-1])
-        assert shown + count == len(s.ranked)
+        assert shown + int(rows[-1].split()[0]) == len(s.ranked)
         assert all_rows[len(rows) - 1][3:5].strip().isdigit()
 
 

@@ -87,7 +87,9 @@ def _hand(solution: Solution, width: int) -> list[Line]:
     if held := solution.accuracy.holds_for:
         text += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as fixed"
     more = ", rms over the ranges of all joints"
-    return [line((text, "bold"), (more if len(text + more) <= width else "", "text"))]
+    if len(text + more) > width:
+        return wrapped(text, width, "bold", "   ")
+    return [line((text, "bold"), (more, "text"))]
 
 
 class _ParametersPanel(TablePanel):

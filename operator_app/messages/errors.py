@@ -21,7 +21,8 @@ def words(error: BaseException) -> SessionError:
     """Return an error as a `SessionError`, which states for the operator what happened, and the remedy."""
     if isinstance(error, SessionError):
         return SessionError(_capital(error.happened), _capital(error.remedy))
-    return SessionError(_capital(str(error).removesuffix(".")), _remedy(error))
+    held = "The arm holds. " if getattr(error, "drives_after", "") else ""  # not without drives
+    return SessionError(_capital(str(error).removesuffix(".")), _remedy(error).removeprefix(held))
 
 
 REACHES_NOTHING = (

@@ -147,6 +147,12 @@ def may_use_data(s: SessionSnapshot) -> str:
     return ""
 
 
+def powered(s: SessionSnapshot) -> bool:
+    """Whether any drive is enabled."""
+    return s.arm is not None and any(j.drive is DriveState.OPERATION_ENABLED for j in s.arm.joints)
+
+
+may_hold = all_of(may_use_data, unless(powered, "the drives are off: apply the modes (step 3)"))
 may_check_fixture = all_of(idle, may_use_data)
 
 may_tick_all = unless(

@@ -65,6 +65,7 @@ REFUSALS = [
     (Step.CONNECT, "start", "o", "no other session"),
     (Step.CONNECT, "start", "space", "STOP: no arm is connected"),
     (Step.CONNECT, "connected", "R", "STOP is not latched"),
+    (Step.CONNECT, "connected", "H", "the drives are off"),
     (Step.FIXTURE, "connected", "right_square_bracket", "check list are not ticked"),
     (Step.FIXTURE, "connected", "g", "g is not a key of this step"),
     (Step.MODES, "start", "p", "no ranking yet"),
@@ -319,8 +320,7 @@ async def test_clicks_act_like_keys(still):
         assert d.runner.stops == 1
         await d.pilot.click("#rail", offset=(3, 0))
         assert d.app.step is Step.CONNECT
-        at = d.text("#footer").index("Quit")
-        await d.pilot.click("#footer", offset=(at, 0))
+        await d.pilot.click("#footer", offset=(d.text("#footer").index("Quit"), 0))
         assert isinstance(d.app.screen, Confirm)
 
 

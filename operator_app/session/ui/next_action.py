@@ -34,7 +34,7 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
         if s.unstopped_joints:
             hint = f"{unstopped_words(s.unstopped_joints)}: use the hardware stop; then Enter (or R) resets STOP"
         return NextAction("reset", "Reset STOP", hint)
-    if s.drive_faults or (s.task is None and guards.needs_reset(s)):
+    if s.drive_faults or (s.task is None and guards.needs_reset(s) and not s.needs_reconnect):
         return NextAction("reset", "Reset fault", f"{_faults(s.drive_faults)}; nothing moves")
     if s.task is not None:
         key = "" if s.task.ending else ": any key stops it"

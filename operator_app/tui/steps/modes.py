@@ -43,10 +43,8 @@ class PlanPanel(Lines):
         pairs, own = list[list[Line]](), -1
         for k, ranked in enumerate(s.ranked, 1):
             pair = " ".join(f"J{j}" for j in ranked.drives)
-            own = k - 1 if ranked.drives == marked else own
-            glyph = "▌" if ranked.drives == marked else " "
-            reasons = "; ".join(ranked.reasons)
-            text = f" {glyph}{k:>2} {pair:<6} {ranked.score:4.2f} {reasons}"
+            glyph, own = ("▌", k - 1) if ranked.drives == marked else (" ", own)
+            text = f" {glyph}{k:>2} {pair:<6} {ranked.score:4.2f} {'; '.join(ranked.reasons)}"
             pairs.append(wrapped(text, width, "text" if ranked.usable else "dim", " " * 17))
         return [*rows, *_whole(pairs, own, height - len(rows))]
 
@@ -56,10 +54,9 @@ def _whole(pairs: Sequence[list[Line]], own: int, room: int) -> list[Line]:
     ends = list(accumulate(map(len, pairs)))
     if not ends or ends[-1] <= room:
         return list(chain.from_iterable(pairs))
-    shown, marked = sum(end < room for end in ends), list[Line]()
-    if own >= shown and len(pairs[own]) < room:
-        marked = pairs[own]
-        shown = sum(end < room - len(marked) for end in ends)
+    shown = sum(end < room for end in ends)
+    marked = pairs[own] if own >= shown and len(pairs[own]) < room else []
+    shown = sum(end < room - len(marked) for end in ends)
     more = f"    {len(pairs) - shown} more below these{', among them' if marked else ''}"
     return [*chain.from_iterable(pairs[:shown]), line((more, "dim")), *marked]
 

@@ -75,7 +75,7 @@ REMEDIES: Mapping[type, str] = {
     errors.NodeRestarted: "Until then this program moves nothing and captures nothing",
     errors.SensorFault: "Check that joint's coupling and cable, then connect again: the first pose is measured again "
     "before any other is used",
-    errors.ModeNotReached: "Read that drive's fault, reset it (R) and apply the modes again",
+    errors.ModeNotReached: "Read that drive's fault; if it is in fault, reset it (R); then apply the modes again",
     errors.DriveDiverged: "Keep clear until the cause is known: the drive has failed, or another controller commands "
     "it. Then reset (R, or `sarcal reset`) and apply the modes again",
     errors.DriveDropout: "Find out who switched the drive off, and why; when it is safe, reset (R) and apply the "

@@ -94,7 +94,7 @@ def results_ready(s: SessionSnapshot) -> str:
         return ""
     if s.state.solved and not s.connected:
         return "the calibration of this session is shown once the arm is connected (step 1)"
-    return "there is no calibration of these poses yet (step 5)"
+    return f"there is no calibration of these poses {'with these options' if s.state.solved else 'yet'} (step 5)"
 
 
 def export_ready(s: SessionSnapshot) -> str:

@@ -99,6 +99,7 @@ def not_accepted(s):
         ("calibrate_ready", "modes", None),
         ("results_ready", "captured", None),
         ("results_ready", "solved", resumed),
+        ("results_ready", "solved", lambda s: replace(s, solution=None)),
         ("export_ready", "captured", None),
         ("export_ready", "solved", not_accepted),
         ("may_connect", "connected", None),
@@ -134,8 +135,7 @@ def not_accepted(s):
     ],
 )
 def test_unmet_conditions_are_reported(guard, name, change, approve):
-    s = story()[name]
-    s = s if change is None else change(s)
+    s = (change or replace)(story()[name])
     missing = getattr(guards, guard)(s)
     assert missing
     approve(missing)

@@ -44,7 +44,7 @@ def unstopped_words(joints: Sequence[int]) -> str:
 def _remedy(error: BaseException) -> str:
     if isinstance(error, UnidentifiableError) and error.stuck_joint:
         return (
-            "Repair that sensor, or calibrate without it (J, or --unsensed); more poses do not help"
+            "Repair that sensor, or calibrate without it (j, or --unsensed); more poses do not help"
         )
     if isinstance(error, errors.SensorFault) and error.stuck:
         return "The other poses are kept"

@@ -144,7 +144,9 @@ class CalibrationOperations(Listener):
 
     def show_recorded_calibration(self) -> None:
         """Publish the recorded calibration and export of a resumed session, if there are any."""
-        known = self._session.recorded_calibration()
+        s = self._runner.snapshot()
+        chosen: Any = {"estimator": s.estimator, "unsensed_joints": s.unsensed_joints}
+        known = self._session.recorded_calibration(replace(s.procedure, **chosen))
         if self.solution is None and known is not None:
             self.solution, active = known.solution, self._active_document()
             exported = recorded_export(self._session, active)

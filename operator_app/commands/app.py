@@ -95,7 +95,7 @@ def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) 
     app = SarcalApp(
         make_source,
         theme=LIGHT if args.light else usual,
-        ascii_only=args.ascii,
+        ascii_only=args.ascii or "utf" not in (sys.stdout.encoding or "").lower(),
         resume=args.resume,
         manual=manual(),
     )

@@ -21,7 +21,8 @@ def words(error: BaseException) -> SessionError:
     """Return an error as a `SessionError`, which states for the operator what happened, and the remedy."""
     if isinstance(error, SessionError):
         return SessionError(_capital(error.happened), _capital(error.remedy))
-    return SessionError(_capital(str(error).removesuffix(".")), _remedy(error))
+    held = "The arm holds. " if getattr(error, "drives_after", "") else ""  # not without drives
+    return SessionError(_capital(str(error).removesuffix(".")), _remedy(error).removeprefix(held))
 
 
 REACHES_NOTHING = (
@@ -43,7 +44,7 @@ def unstopped_words(joints: Sequence[int]) -> str:
 def _remedy(error: BaseException) -> str:
     if isinstance(error, UnidentifiableError) and error.stuck_joint:
         return (
-            "Repair that sensor, or calibrate without it (J, or --unsensed); more poses do not help"
+            "Repair that sensor, or calibrate without it (j, or --unsensed); more poses do not help"
         )
     if isinstance(error, errors.SensorFault) and error.stuck:
         return "The other poses are kept"
@@ -74,7 +75,7 @@ REMEDIES: Mapping[type, str] = {
     errors.NodeRestarted: "Until then this program moves nothing and captures nothing",
     errors.SensorFault: "Check that joint's coupling and cable, then connect again: the first pose is measured again "
     "before any other is used",
-    errors.ModeNotReached: "Read that drive's fault, reset it (R) and apply the modes again",
+    errors.ModeNotReached: "Read that drive's fault; if it is in fault, reset it (R); then apply the modes again",
     errors.DriveDiverged: "Keep clear until the cause is known: the drive has failed, or another controller commands "
     "it. Then reset (R, or `sarcal reset`) and apply the modes again",
     errors.DriveDropout: "Find out who switched the drive off, and why; when it is safe, reset (R) and apply the "

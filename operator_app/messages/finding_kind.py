@@ -542,7 +542,7 @@ class FindingKind(Enum):
         "PAPER_OFF",
         text="{name} from the paper's estimator differs by {size:ANGLE_TOLERANCE|LENGTH_TOLERANCE} "
         "({sigmas:MANY_TIMES} sigmas) from the estimate that weights every reading by its noise",
-        remedy="use --estimator implicit",
+        remedy="use the implicit estimator (--estimator implicit; e in the app)",
     )
     PARALLEL_AXES = _Message("PARALLEL_AXES", text="{reported}", remedy="{reported_remedy}")
     DIVERGED = _Message(

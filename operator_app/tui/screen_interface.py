@@ -70,6 +70,7 @@ class ScreenInterface:
         self.app, self.sessions = app, app.source
         self.runner: Runner
         self._seen_solution: object = None
+        self._proposed = (Step.CONNECT, "")
         self._opening = False
 
     def press(self, *keys: str | None) -> bool:
@@ -251,7 +252,11 @@ class ScreenInterface:
         self.ask(question, lambda _: self.app.exit("left"))
 
     def follow(self, s: SessionSnapshot) -> None:
-        """If a calibration was completed and the Calibrate step is shown, show the Results step."""
+        """Remove a refusal when the step's next action is another one; show the Results step after a calibration."""
+        before = self._proposed
+        self._proposed = self.app.step, next_action(self.app.step, s).label
+        if before != self._proposed and before[0] is self.app.step and not self._opening:
+            self.refuse("")
         if s.solution is not None and s.solution is not self._seen_solution:
             self._seen_solution = s.solution
             if self.app.step is Step.CALIBRATE:

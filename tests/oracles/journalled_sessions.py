@@ -37,6 +37,7 @@ class Quiet:
     def __init__(self, session: Session) -> None:
         self.shown = initial_snapshot(session)
         self.messages: list[tuple[Level, str]] = []
+        self.snapshot = lambda: self.shown
 
     def publish(self, change: Change) -> None:
         self.shown = change(self.shown)

@@ -210,12 +210,12 @@ def apply_modes_again(t: Terminal) -> None:
     apply_modes(t)
 
 
-def test_no_color_and_ascii_are_respected(terminal):
-    t = terminal("--ascii", environment={"NO_COLOR": "1"})
+@pytest.mark.parametrize(("options", "encoding"), [(("--ascii",), "utf-8"), ((), "latin-1")])
+def test_no_color_and_ascii_are_respected(terminal, options, encoding):
+    t = terminal(*options, environment={"NO_COLOR": "1", "PYTHONIOENCODING": encoding})
     walk_to_capture(t)
     screen = t.screen(with_colours=True)
-    sequences = re.findall(r"\x1b\[([0-9;]*)m", screen)
-    codes = {code for sequence in sequences for code in sequence.split(";")}
+    codes = {*";".join(re.findall(r"\x1b\[([0-9;]*)m", screen)).split(";")}
     # Bold, underline, reverse and their ends, and the default colours.
     assert codes <= {"", "0", "1", "4", "7", "22", "24", "27", "39", "49"}, codes
     assert screen.isascii()

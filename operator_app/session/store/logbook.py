@@ -95,9 +95,9 @@ class Logbook:
 
     # -- calibration -----------------------------------------------------------------------------
 
-    def recorded_calibration(self) -> StoredCalibration | None:
-        """Return the journal's calibration; None if poses, repeats or options of the procedure have changed since."""
-        own, then = self.procedure, {"rereads": 0, **self.state.solved}
+    def recorded_calibration(self, options: Procedure | None = None) -> StoredCalibration | None:
+        """Return the journal's calibration; None if poses, repeats or `options` (default: own) have changed since."""
+        own, then = options or self.procedure, {"rereads": 0, **self.state.solved}
         now = {
             "estimator": own.estimator,
             "unsensed_joints": sorted({*own.unsensed_joints, *self.model.unsensed_joints}),

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from hardware.arm import DriveState, JointMode
+from hardware.arm import JointMode
 from operator_app.config.procedure_file import load_procedure
 from operator_app.config.resources import builtin_names
 from operator_app.messages.errors import summary
@@ -162,9 +162,7 @@ def calibrate(context: ActionContext) -> None:
 def upload(context: ActionContext, forced: str = "") -> None:
     """Upload after the operator has typed the serial number; `forced`: reason if the calibration was not accepted."""
     serial = "" if context.s.identity is None else context.s.identity.serial_number
-    drives = context.s.arm.joints if context.s.arm is not None else ()
-    held = any(j.drive is DriveState.OPERATION_ENABLED for j in drives)
-    first = "The arm is held" if held else "The drives stay off"
+    first = "The arm is held" if guards.powered(context.s) else "The drives stay off"
     text = (
         f"{first}, the files are written, and the controller of {serial} takes the new "
         f"parameters. Type the arm's serial number, {serial}, to confirm."

@@ -269,7 +269,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
     OnScreen(name="messages", keys=("l",), shown="l", label="Messages",
              help="Show all messages of this session in full, the newest first."),
     Action(name="hold", keys=("H",), shown="H", label="Hold all",
-           help="Hold all joints in position mode where they are.", guard=guards.may_use_data,
+           help="Hold all joints in position mode where they are.", guard=guards.may_hold,
            work=action_handlers.hold),
     OnScreen(name="help", keys=("question_mark", "f1"), shown="?", label="Help",
              help="Explain the focused panel and list the keys.", footer=EVERYWHERE),

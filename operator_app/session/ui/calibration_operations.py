@@ -144,7 +144,9 @@ class CalibrationOperations(Listener):
 
     def show_recorded_calibration(self) -> None:
         """Publish the recorded calibration and export of a resumed session, if there are any."""
-        known = self._session.recorded_calibration()
+        s = self._runner.snapshot()
+        chosen: Any = {"estimator": s.estimator, "unsensed_joints": s.unsensed_joints}
+        known = self._session.recorded_calibration(replace(s.procedure, **chosen))
         if self.solution is None and known is not None:
             self.solution, active = known.solution, self._active_document()
             exported = recorded_export(self._session, active)
@@ -219,7 +221,8 @@ class CalibrationOperations(Listener):
         result, _ = verify(self._session, self._current_solution(), poses, self)
         self.refresh()
         self._publish(verification=result)
-        rms = SIGMA_POS(result.verification.sigmas.position_m.rms).with_unit
+        sigmas = result.in_use.best_table or result.verification.sigmas  # as step 7 shows them
+        rms = SIGMA_POS(sigmas.position_m.rms).with_unit
         level = Level.INFO if result.holds else Level.WARNING
         self.report(f"{result.poses} new poses {result.verdict}: {rms} rms", level)
 

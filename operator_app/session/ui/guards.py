@@ -94,7 +94,7 @@ def results_ready(s: SessionSnapshot) -> str:
         return ""
     if s.state.solved and not s.connected:
         return "the calibration of this session is shown once the arm is connected (step 1)"
-    return "there is no calibration of these poses yet (step 5)"
+    return f"there is no calibration of these poses {'with these options' if s.state.solved else 'yet'} (step 5)"
 
 
 def export_ready(s: SessionSnapshot) -> str:
@@ -147,6 +147,12 @@ def may_use_data(s: SessionSnapshot) -> str:
     return ""
 
 
+def powered(s: SessionSnapshot) -> bool:
+    """Whether any drive is enabled."""
+    return s.arm is not None and any(j.drive is DriveState.OPERATION_ENABLED for j in s.arm.joints)
+
+
+may_hold = all_of(may_use_data, unless(powered, "the drives are off: apply the modes (step 3)"))
 may_check_fixture = all_of(idle, may_use_data)
 
 may_tick_all = unless(

@@ -34,8 +34,8 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
         if s.unstopped_joints:
             hint = f"{unstopped_words(s.unstopped_joints)}: use the hardware stop; then Enter (or R) resets STOP"
         return NextAction("reset", "Reset STOP", hint)
-    if faults := s.drive_faults:
-        return NextAction("reset", "Reset fault", f"{_faults(faults)}; nothing moves")
+    if s.drive_faults or (s.task is None and guards.needs_reset(s) and not s.needs_reconnect):
+        return NextAction("reset", "Reset fault", f"{_faults(s.drive_faults)}; nothing moves")
     if s.task is not None:
         key = "" if s.task.ending else ": any key stops it"
         return NextAction("", "", f"{s.task.progress}{key}")
@@ -45,6 +45,8 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
 
 
 def _faults(faults: Mapping[int, str]) -> str:
+    if not faults:  # the drive is only off: it is not enabled before a reset
+        return "a drive reported a fault: follow the alarm's remedy; then Enter (or R) resets it"
     what = "; ".join(sorted({text for text in faults.values() if text}))
     known = f" ({what})" if what else ""
     which, them = f"{len(faults)} drives are", "them"
@@ -106,6 +108,8 @@ def _fixture(s: SessionSnapshot) -> NextAction:
 
 
 def _modes(s: SessionSnapshot) -> NextAction:
+    if missing := guards.missing_for(Step.MODES, s):
+        return NextAction("back", "Back to Fixture", f"{missing}; Enter goes back")
     marked = s.selected_joints
     if problem := guards.modes_problem(s, marked):
         return NextAction("suggest", "Best set", problem)
@@ -129,7 +133,7 @@ def _capture(s: SessionSnapshot) -> NextAction:
     used = len(s.state.used_poses)
     poses_left = s.required_poses - used
     if poses_left > 0 and missing:
-        return NextAction("back", "Back to Modes", f"{missing}; Enter goes back there")
+        return NextAction("back", "Back to Modes", f"{missing}; Enter goes back")
     if poses_left > 0:
         poses = "the last pose" if poses_left == 1 else f"the {poses_left} remaining poses"
         hint = f"Enter captures {poses} automatically; g and c capture one by hand"

@@ -80,28 +80,25 @@ class Runner:
         self.supervisor = Supervisor(self, monotonic)
         self._data_at_s = self._polled_s = monotonic()
         self.defect: BaseException | None = None
+        own, solved = session.procedure, session.state.solved
         self._base = SessionSnapshot(
             now_s=monotonic(),
-            procedure=session.procedure,
+            procedure=own,
             folder=session.journal.path.parent,
             state=session.state,
             simulated=session.rig.simulated,
             bus=session.rig.bus,
             mobility=session.mobility,
-            estimator=session.procedure.estimator,
-            unsensed_joints=session.procedure.unsensed_joints,
-            selected_joints=session.state.position_joints
-            or session.procedure.position_joints
-            or (),
+            # Those of the recorded calibration, which is shown again.
+            estimator=solved.get("estimator", own.estimator),
+            unsensed_joints=tuple(solved.get("unsensed_joints", own.unsensed_joints)),
+            selected_joints=session.state.position_joints or own.position_joints or (),
         )
         if session.journal.contents.torn:
             self.say(Level.WARNING, session.journal.contents.torn)
         if session.state.poses:
-            self.say(
-                Level.INFO,
-                f"resumed: {len(session.state.poses)} poses are kept; arm, fixture and modes are "
-                "checked again",
-            )
+            kept = f"{len(session.state.poses)} poses are kept"
+            self.say(Level.INFO, f"resumed: {kept}; arm, fixture and modes are checked again")
         self._worker = threading.Thread(target=self._work, name="sarcal-worker", daemon=True)
         self._watching = threading.Thread(target=self._watch, name="sarcal-watch", daemon=True)
         self._worker.start()

@@ -330,5 +330,5 @@ def resolving_tasks(error: Exception, kind: TaskKind) -> frozenset[TaskKind]:
         isinstance(error, errors.DriveDiverged) or error.stuck
     )
     if jumped or isinstance(error, CONNECT_AGAIN):
-        return frozenset({TaskKind.CONNECT, kind})
+        return frozenset({TaskKind.CONNECT, kind}) - {TaskKind.RESET}
     return (ARM_RECOVERY if isinstance(error, errors.HardwareError) else frozenset()) | {kind}

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import accumulate, chain
 
 from operator_app.report.spans import Line, line, short_entry, wrapped
 from operator_app.session.ui.guards import modes_problem
@@ -37,28 +38,27 @@ class PlanPanel(Lines):
             rows += wrapped(f" Wiggle: {s.wiggle}", width, "text", "   ")
         if s.ranked:
             each = {1: "joint", 2: "pair"}.get(s.mobility, "set")
-            text = f" Ranked    by how well each {each} drives the chain here, 0 to 1"
+            text = f" Ranked    how well each {each} drives, at the last check, 0 to 1"
             rows.append(line((text, "dim")))
-        pairs = []
+        pairs, own = list[list[Line]](), -1
         for k, ranked in enumerate(s.ranked, 1):
             pair = " ".join(f"J{j}" for j in ranked.drives)
-            glyph = "▌" if ranked.drives == marked else " "
-            reasons = "; ".join(ranked.reasons)
-            text = f" {glyph}{k:>2} {pair:<6} {ranked.score:4.2f} {reasons}"
+            glyph, own = ("▌", k - 1) if ranked.drives == marked else (" ", own)
+            text = f" {glyph}{k:>2} {pair:<6} {ranked.score:4.2f} {'; '.join(ranked.reasons)}"
             pairs.append(wrapped(text, width, "text" if ranked.usable else "dim", " " * 17))
-        return [*rows, *_whole(pairs, height - len(rows))]
+        return [*rows, *_whole(pairs, own, height - len(rows))]
 
 
-def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
-    rows = [row for pair in pairs for row in pair]
-    if len(rows) <= room:
-        return rows
-    rows, shown = [], 0
-    for pair in pairs:
-        if len(rows) + len(pair) > room - 1:
-            break
-        rows, shown = [*rows, *pair], shown + 1
-    return [*rows, line((f"    {len(pairs) - shown} more below these", "dim"))]
+def _whole(pairs: Sequence[list[Line]], own: int, room: int) -> list[Line]:
+    """Return the rows of the best pairs, and of the marked pair `own` (from 0; -1: not ranked) even if it is worse."""
+    ends = list(accumulate(map(len, pairs)))
+    if not ends or ends[-1] <= room:
+        return list(chain.from_iterable(pairs))
+    shown = sum(end < room for end in ends)
+    marked = pairs[own] if own >= shown and len(pairs[own]) < room else []
+    shown = sum(end < room - len(marked) for end in ends)
+    more = f"    {len(pairs) - shown} more below these{', among them' if marked else ''}"
+    return [*chain.from_iterable(pairs[:shown]), line((more, "dim")), *marked]
 
 
 class ModesView(StepView):

@@ -11,7 +11,7 @@ from operator_app.report.facts import Facts
 from operator_app.report.plots.calibration_plots import misses, rvdt_deviations
 from operator_app.report.quality_tables import truth_in_words
 from operator_app.report.session_tables import joint_table
-from operator_app.report.spans import Line, clip, line, window, wrapped
+from operator_app.report.spans import Line, clip, length, line, window, wrapped
 from operator_app.report.subject import Subject, facts_on, no_facts, subject_on
 from operator_app.report.table import FactTable
 from operator_app.report.text import headline_spans, table_spans
@@ -86,8 +86,8 @@ def _hand(solution: Solution, width: int) -> list[Line]:
         text += f", {by_poses} without the uncertainty of {names(solution.accuracy.stated)}"
     if held := solution.accuracy.holds_for:
         text += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as fixed"
-    more = ", rms over the ranges of all joints"
-    return [line((text, "bold"), (more if len(text + more) <= width else "", "text"))]
+    whole = line((text, "bold"), ", rms over the ranges of all joints")
+    return [whole] if length(whole) <= width else wrapped(text, width, "bold", "   ")
 
 
 class _ParametersPanel(TablePanel):

@@ -122,8 +122,8 @@ class JointTable(ListPanel):
                 speed = JOINT_SPEED(float(s.motion.speed_rad_per_s[k])).shown
             add(f" {speed:>7}", role)
         torque = "?" if stale else JOINT_TORQUE(state.torque_nm).shown
-        heavy = abs(state.torque_nm) > 0.6 * joint.max_torque_nm
-        add(f" {torque:>6} ", "warn" if stale or heavy else "text")
+        heavy = abs(state.torque_nm) > 0.6 * joint.max_torque_nm and not stale
+        add(f" {torque:>6}{'▲' if heavy else ' '}", "warn" if stale or heavy else "text")
         add(_bar(state.position_rad, joint, self._cells(width)))
         if not self.show_selected:
             word, figure, role = _state(s, state, joint, stale=stale)

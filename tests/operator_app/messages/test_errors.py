@@ -21,6 +21,7 @@ from operator_app.messages.errors import REMEDIES, words
 from solver.errors import TooFewPosesError, UnidentifiableDirection, UnidentifiableError
 
 UNIDENTIFIABLE = UnidentifiableDirection(parameters=("theta_off_3", "alpha_3"), weights=(0.8, 0.6))
+TRIPS = 0x5441, 0x5442, 0x7305, 0x8130, 0x8311, 0x8611, 0x4210
 STUCK = (
     "reads the same count as at pose 4, but according to the other joints it has turned by about 12 deg: "
     "its sensor is stuck. "
@@ -42,10 +43,7 @@ STUCK = (
         SensorFault(3, "jumped by +2223 counts", since_sync=1),
         SensorFault(3, STUCK, stuck=True),
         SensorFault(3, "stands still", stuck=True),
-        *(
-            DriveFault(1, code, emergency_text(code))
-            for code in (0x5441, 0x5442, 0x7305, 0x8130, 0x8311, 0x8611, 0x4210)
-        ),
+        *(DriveFault(1, code, emergency_text(code)) for code in TRIPS),
         UnidentifiableError(
             (UNIDENTIFIABLE,), stuck_joint=3, note="the sensor of joint 3 is stuck"
         ),
@@ -70,6 +68,12 @@ def test_paths_and_names_keep_their_case(happened, remedy):
     text = words(SessionError(happened, remedy))
     assert (text.happened, text.remedy) == (happened, remedy)
     assert words(SessionError("the arm moved", "wait")).happened == "The arm moved"
+
+
+def test_an_arm_whose_drives_are_off_is_not_said_to_hold():
+    error = DriveFault(5, 0x8400, emergency_text(0x8400))
+    error.drives_after = "All drives have been switched off again"
+    assert "holds" not in str(words(error))
 
 
 @pytest.mark.parametrize("kind", REMEDIES, ids=lambda kind: kind.__name__)

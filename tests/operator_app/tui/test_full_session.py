@@ -67,6 +67,7 @@ async def test_upload_and_verification_after_a_stop(drive, source):
         assert not d.s.drives_ready
         await d.run("y", "y")
         assert d.s.verification is not None, d.s.messages[-1].text
+        assert re.findall(r"[\d.]+ mm", d.words("#record"))[0] in d.s.messages[-1].text
         await d.press("i")
         await d.until(lambda: isinstance(d.app.screen, Read), "history")
         assert "1 accepted calibration, 1 verification" in (await d.dialog_text())

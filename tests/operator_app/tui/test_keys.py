@@ -65,6 +65,7 @@ REFUSALS = [
     (Step.CONNECT, "start", "o", "no other session"),
     (Step.CONNECT, "start", "space", "STOP: no arm is connected"),
     (Step.CONNECT, "connected", "R", "STOP is not latched"),
+    (Step.CONNECT, "connected", "H", "the drives are off"),
     (Step.FIXTURE, "connected", "right_square_bracket", "check list are not ticked"),
     (Step.FIXTURE, "connected", "g", "g is not a key of this step"),
     (Step.MODES, "start", "p", "no ranking yet"),
@@ -88,6 +89,12 @@ async def test_refused_key_shows_the_reason(still):
             assert words in d.hint, (step, name, key)
             assert (d.runner.asked, d.runner.stops) == ([], 0)
             assert d.app.step is step
+        # The next action is shown again as soon as it is another one.
+        await d.show(busy(story()["captured"], TaskKind.CALIBRATE, moves=False), Step.CALIBRATE)
+        await d.press("s")
+        assert d.hint == "▲ wait: calibrating"
+        d.runner.picture = story()["captured"]
+        await d.until(lambda: d.hint.startswith("Next Enter calibrates"))
 
 
 async def test_stale_data_are_marked_and_delay_a_capture(still):
@@ -145,8 +152,7 @@ async def test_upload_needs_the_serial_number(still):
         await d.settle()
         assert isinstance(d.app.screen, Ask)
         assert d.runner.asked == []
-        await d.press("escape")
-        await d.press("u", *"SDA-0001", "enter")
+        await d.press("escape", "u", *"SDA-0001", "enter")
         await d.settle()
         assert [k for k, _ in d.runner.asked] == [TaskKind.UPLOAD]
 
@@ -169,11 +175,9 @@ async def test_any_key_ends_a_motion_and_only_z_a_calibration(still):
 
 async def test_brackets_and_digits_change_the_step(still):
     async with still(story()["solved"], step=Step.EXPORT) as d:
-        for step in reversed(list(Step)[:-1]):
+        for step in (*reversed(list(Step)[:-1]), Step.CONNECT):
             await d.press("left_square_bracket")
             assert d.app.step is step
-        await d.press("left_square_bracket")
-        assert d.app.step is Step.CONNECT
         for step in list(Step)[1:]:
             await d.press("right_square_bracket")
             assert d.app.step is step
@@ -273,8 +277,7 @@ async def test_session_choice_defaults_to_cancel(still):
     async with still(story()["uploaded"], step=Step.EXPORT, entries=(earlier,)) as d:
         await d.until(lambda: d.app.screen is not d.app.main, "the offer to resume")
         offer = await d.dialog_text()
-        used = len(earlier.state.used_poses)
-        assert f"{used} poses" in offer
+        assert f"{len(earlier.state.used_poses)} poses" in offer
         assert "of SDA-0001 (procedure " in offer
         assert "New session" in str(d.app.screen.query_one("#cancel").label)
         await d.press("escape")
@@ -306,9 +309,7 @@ async def test_new_session_and_chosen_procedure_start_at_connect(still):
 @pytest.mark.parametrize("name", ["start", "capturing"])
 async def test_quit_asks_only_when_connected(still, name):
     async with still(story()[name], step=Step.CONNECT) as d:
-        await d.press("q")
-        if name != "start":
-            await d.press("y")
+        await d.press("q", *("" if name == "start" else "y"))
         await d.settle()
         assert d.app.return_value == "left"
 
@@ -319,8 +320,7 @@ async def test_clicks_act_like_keys(still):
         assert d.runner.stops == 1
         await d.pilot.click("#rail", offset=(3, 0))
         assert d.app.step is Step.CONNECT
-        at = d.text("#footer").index("Quit")
-        await d.pilot.click("#footer", offset=(at, 0))
+        await d.pilot.click("#footer", offset=(d.text("#footer").index("Quit"), 0))
         assert isinstance(d.app.screen, Confirm)
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from hardware.arm import Fault, JointMode
 from operator_app.calibration.acceptance import Verdict
+from operator_app.calibration.tool_accuracy import HeldOffset
 from operator_app.config.procedure_file import load_procedure
 from operator_app.headless.plain_messages import describe
 from operator_app.report.subject import facts_on
@@ -45,9 +46,12 @@ def test_verdict_counts_notes_and_shows_accuracy(width):
     figures = facts_on(s).json["hand_accuracy_mm"]
     words = row.replace(",", "").split()
     for name in ("before", "after"):
-        shown_mm = float(words[words.index(name) - 2])
-        assert shown_mm == pytest.approx(figures[name]["rms"], rel=0.01)
+        assert float(words[words.index(name) - 2]) == pytest.approx(figures[name]["rms"], rel=0.01)
     assert len(row) <= width
+    fixed = HeldOffset(name="theta_off_1", value_rad=0.0, rate_m_per_rad=0.3)
+    accuracy = replace(s.solution.accuracy, holds_for=(fixed,))
+    s = replace(s, solution=replace(s.solution, accuracy=accuracy))
+    assert " as fixed" in " ".join(lines_of(VerdictPanel(), s, width, 7))
 
 
 @pytest.mark.parametrize("height", [5, 6, 7, 8])
@@ -66,8 +70,7 @@ def test_verdict_counts_the_notes_that_do_not_fit(height):
 
 def test_unreachable_plan_is_stated():
     s = story()["connected"]
-    forecast = replace(s.forecast, reachable=np.zeros_like(s.forecast.reachable))
-    s = replace(s, forecast=forecast)
+    s = replace(s, forecast=replace(s.forecast, reachable=np.zeros_like(s.forecast.reachable)))
     rows = " ".join(" ".join(lines_of(ChecksPanel(), s, 40, 30)).split())
     assert "no pose of the plan can be reached" in rows
     assert "predicted" not in rows
@@ -84,11 +87,10 @@ def test_steps_of_a_resumed_session_show_its_result_before_the_arm_is_connected(
 @pytest.mark.parametrize("width", [98, 80])
 def test_node_in_fault_shows_its_code(width):
     s = tripped(story()["connected"])
-    text = "excess torque"
-    fault = Fault(node=4, joint=4, code=0x8311, text=text, sync_count=0)
+    fault = Fault(node=4, joint=4, code=0x8311, text="excess torque", sync_count=0)
     s = replace(s, arm=replace(s.arm, faults=(fault,)))
     rows = lines_of(NodesPanel(), s, width, 12)
-    assert [row.partition("■ ")[2] for row in rows if "■" in row] == [f"fault 8311h: {text}"]
+    assert [row.partition("■ ")[2] for row in rows if "■" in row] == ["fault 8311h: excess torque"]
     assert max(map(len, rows)) <= width
 
 
@@ -109,24 +111,18 @@ async def test_every_panel_names_the_same_verdict(still):
                 assert plots.page < plots.count - 1
                 await d.press("v")
             assert ("▲" in d.text("#results-plot")) == (title == "Warnings")
-        plain = describe(Step.RESULTS, now)
-        assert any(row.startswith(f"{title[:-1]}: ") for row in plain)
+        assert any(row.startswith(f"{title[:-1]}: ") for row in describe(Step.RESULTS, now))
         mark = "\n! " in facts_text(facts_on(now))
         assert mark == (title == "Warnings")
 
 
 def test_condition_limit_is_that_of_the_procedure():
-    strict = {
-        "acceptance": replace(
-            story()["capturing"].procedure.acceptance, scaled_condition_number=20.0
-        )
-    }
+    strict = replace(story()["capturing"].procedure.acceptance, scaled_condition_number=20.0)
     for name, panel, step, width in (
         ("connected", ChecksPanel(), Step.FIXTURE, 98),
         ("capturing", QualityPanel(), Step.CAPTURE, 60),
     ):
-        s = story()[name]
-        s = replace(s, procedure=replace(s.procedure, **strict))
+        s = replace(story()[name], procedure=replace(story()[name].procedure, acceptance=strict))
         words = " ".join(lines_of(panel, s, width, 30) + describe(step, s))
         assert "20" in words
         assert "100" not in words
@@ -135,16 +131,16 @@ def test_condition_limit_is_that_of_the_procedure():
 @pytest.mark.parametrize("height", [9, 14, 30, 60])
 def test_ranking_counts_what_does_not_fit(height):
     s = story()["ticked"]
-    all_rows = lines_of(PlanPanel(), s, 66, 200)
-    rows = lines_of(PlanPanel(), s, 66, height)
+    all_rows, rows = (lines_of(PlanPanel(), s, 66, h) for h in (200, height))
+    worst = lines_of(PlanPanel(), replace(s, selected_joints=s.ranked[-1].drives), 66, height)
+    assert any(row.startswith(" ▌") for row in worst), "the marked pair is always shown"
     assert len(rows) <= height
     if len(all_rows) <= height:
         assert rows == all_rows
     else:
         assert rows[:-1] == all_rows[: len(rows) - 1]
-        count = int(rows[-1].split()[0])
         shown = sum(row[3:5].strip().isdigit() for row in rows[:-1])
-        assert shown + count == len(s.ranked)
+        assert shown + int(rows[-1].split()[0]) == len(s.ranked)
         assert all_rows[len(rows) - 1][3:5].strip().isdigit()
 
 
@@ -162,10 +158,8 @@ def test_remaining_time_ignores_operator_pauses():
         task = replace(s.task, started_s=s.now_s - task_s)
         return lines_of(ProgressPanel(), replace(s, task=task), 66, 1)[0]
 
-    assert f"0:{4 * (s.required_poses - 10)} min left" in progress_after(3600.0)
-    assert f"0:{4 * (s.required_poses - 10)} min left" in progress_after(15.0), (
-        "four poses of this task"
-    )
+    for task_s in (3600.0, 15.0):  # all poses are of this task, or four
+        assert f"0:{4 * (s.required_poses - 10)} min left" in progress_after(task_s)
     assert "min left" not in progress_after(5.0), "most poses precede this task"
     planned = replace(s.procedure, capture=replace(s.procedure.capture, strategy="planned"))
     assert "exploring" in progress_after(3600.0, replace(s, procedure=planned))
@@ -196,17 +190,19 @@ async def test_fixture_step_shows_the_whole_placement_and_all_ranges_of_a_ball(s
         assert d.app.main.query_one("#checklist").content_size.height < 11, "no empty rows"
         for row in ("ground_x", "ground_y", "ground_z", "tip_x", "tip_y", "tip_z", "±", "Unknowns"):
             assert row in d.words("#placement")
-        checks = d.words("#checks")
-        assert all(f"J{j} " in checks.partition("ranges of the joints")[2] for j in range(1, 8))
+        assert all(f"J{j} " in d.words("#checks").partition("ranges")[2] for j in range(1, 8))
         assert ball.fixture.checklist[-1].split()[-1] in d.words("#checklist")
+    s = replace(s, procedure=replace(s.procedure, fixture=load_procedure("open_loop").fixture))
+    async with still(s, step=Step.FIXTURE, size=(80, 24)) as d:
+        room = d.app.main.query_one("#placement").content_size.height
+        assert "Unknowns" in d.text("#placement").splitlines()[:room][-1]
 
 
 def test_target_of_four_drives_is_shown_in_full():
     s = story()["capturing"]
     s = replace(s, plan=(dict.fromkeys((1, 5, 6, 7), -1.5),) * len(s.plan))
     rows = lines_of(StillPanel(), s, 66, 3)
-    assert len(rows) == 3
-    assert "".join(rows[:2]).count("-85.94") == 4
+    assert (len(rows), "".join(rows[:2]).count("-85.94")) == (3, 4)
     assert "…" not in "".join(rows)
     assert not rows[0].rstrip().endswith("J7"), "a joint is not parted from its angle"
     assert len(lines_of(StillPanel(), s, 80, 2)) == 2
@@ -214,8 +210,7 @@ def test_target_of_four_drives_is_shown_in_full():
 
 @pytest.mark.parametrize("change", [stale, lost])
 def test_old_data_are_not_shown_as_standstill(change):
-    s = story()["capturing"]
-    old = replace(change(s), motion=s.motion)
+    old = replace(change(story()["capturing"]), motion=story()["capturing"].motion)
     assert "no fresh data" in lines_of(StillPanel(), old, 66, 3)[-1]
 
 
@@ -226,9 +221,8 @@ def test_step_list_names_drives_that_are_on_and_otherwise_asks_to_apply():
         assert detail(Step.MODES, other) == "apply again"
     for joints, words in (((2,), "J2 drives"), ((1, 5, 6, 7), "J1 J5 J6 J7")):
         modes = tuple(JointMode.POSITION if j in joints else JointMode.FREE for j in range(1, 8))
-        arm_joints = tuple(
-            replace(j, mode=mode) for j, mode in zip(s.arm.joints, modes, strict=True)
-        )
+        by_joint = zip(s.arm.joints, modes, strict=True)
+        arm_joints = tuple(replace(j, mode=mode) for j, mode in by_joint)
         arm, state = replace(s.arm, joints=arm_joints), replace(s.state, modes=modes)
         assert detail(Step.MODES, replace(s, arm=arm, state=state)) == words
 
@@ -246,9 +240,7 @@ def test_trend_covers_all_poses():
     values = [6000.0, 900.0, *(400.0 * 0.95**k for k in range(48))]
     live = replace(s.live, history=tuple(enumerate(values, 3)), scaled_condition_number=values[-1])
     trend, first, bars, last = lines_of(QualityPanel(), replace(s, live=live), 29, 13)[1].split()
-    assert (trend, first, last) == ("trend", "6000", "35.9")
-    assert bars[0] == "█"
-    assert bars[-1] == "▁"
+    assert (trend, first, last, bars[0], bars[-1]) == ("trend", "6000", "35.9", "█", "▁")
     assert len(set(bars)) > 4
     assert list(bars) == sorted(bars, reverse=True)
 
@@ -303,6 +295,10 @@ def test_age_of_stale_joint_has_its_unit_or_is_omitted(width, age):
     rows = lines_of(JointTable(), stale(story()["capturing"]), width, 8)
     assert rows[5].endswith(f"┤ ▲ STALE{age}")
     assert max(map(len, rows)) <= width
+    s = story()["capturing"]
+    joints = tuple(replace(j, torque_nm=99.0) for j in s.arm.joints)
+    loaded = replace(s, arm=replace(s.arm, joints=joints))
+    assert "+99.0▲" in lines_of(JointTable(), loaded, width, 8)[7]
 
 
 @pytest.mark.parametrize("ascii_only", [False, True])

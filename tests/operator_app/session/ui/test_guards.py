@@ -28,8 +28,7 @@ FIRST_CLOSED = {
 
 def ours(s: SessionSnapshot) -> SessionSnapshot:
     """Data that are old because of this computer."""
-    s = stale(s)
-    return replace(s, arm=replace(s.arm, late_s=0.2))
+    return replace(stale(s), arm=replace(stale(s).arm, late_s=0.2))
 
 
 @pytest.mark.parametrize("name", FIRST_CLOSED)
@@ -41,12 +40,9 @@ def test_steps_become_available_in_order(name):
 
 
 def refused(s):
-    bad = SetupCheck(
-        kind=CheckKind.AXIS_ANGLE,
-        severity=Severity.REFUSED,
-        text="the hinge axis makes an angle of 0.2 deg with joint 1's axis",
-        remedy="tilt the hinge",
-    )
+    text = "the hinge axis makes an angle of 0.2 deg with joint 1's axis"
+    what = {"kind": CheckKind.AXIS_ANGLE, "severity": Severity.REFUSED}
+    bad = SetupCheck(**what, text=text, remedy="tilt the hinge")
     return replace(s, checks=(*s.checks, bad))
 
 
@@ -99,6 +95,7 @@ def not_accepted(s):
         ("calibrate_ready", "modes", None),
         ("results_ready", "captured", None),
         ("results_ready", "solved", resumed),
+        ("results_ready", "solved", lambda s: replace(s, solution=None)),
         ("export_ready", "captured", None),
         ("export_ready", "solved", not_accepted),
         ("may_connect", "connected", None),
@@ -134,9 +131,7 @@ def not_accepted(s):
     ],
 )
 def test_unmet_conditions_are_reported(guard, name, change, approve):
-    s = story()[name]
-    s = s if change is None else change(s)
-    missing = getattr(guards, guard)(s)
+    missing = getattr(guards, guard)((change or replace)(story()[name]))
     assert missing
     approve(missing)
 
@@ -169,8 +164,7 @@ def test_unmet_conditions_are_reported(guard, name, change, approve):
     ],
 )
 def test_with_all_conditions_met_nothing_is_missing(guard, name, change):
-    s = story()[name]
-    assert getattr(guards, guard)(s if change is None else change(s)) == ""
+    assert getattr(guards, guard)((change or replace)(story()[name])) == ""
 
 
 def test_the_check_list_of_a_real_arm_is_ticked_item_by_item():
@@ -185,9 +179,8 @@ def test_the_check_list_of_a_real_arm_is_ticked_item_by_item():
 )
 def test_the_action_an_alarm_asks_for_is_allowed(until, open_):
     """It says: connect again."""
-    s = story()["modes"].with_message(
-        Level.ALARM, "why", time="12:00:00", resolving_tasks=frozenset(until)
-    )
+    tasks = frozenset(until)
+    s = story()["modes"].with_message(Level.ALARM, "why", time="12:00:00", resolving_tasks=tasks)
     assert (guards.may_connect(s) == "") is open_
 
 

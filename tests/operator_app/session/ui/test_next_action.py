@@ -30,19 +30,13 @@ from tests.oracles.story import (
 
 @cache
 def snapshots():
+    of_an_arm = stopped, unstopped, stale, lost, diverged, tripped, heartbeat_lost
     return {
         **story(),
         **{
             f"{name}, {change.__name__}": change(s)
             for name, s in story().items()
-            for change in (
-                real,
-                *(
-                    (stopped, unstopped, stale, lost, diverged, tripped, heartbeat_lost)
-                    if s.arm
-                    else ()
-                ),
-            )
+            for change in (real, *(of_an_arm if s.arm else ()))
         },
         "moving": busy(story()["capturing"], TaskKind.AUTOMATIC, moves=True),
     }
@@ -102,12 +96,14 @@ def test_disabled_drives_lead_back_to_the_modes_and_a_missing_arm_to_connect():
     assert "Enter" in action.hint
     for step in (Step.FIXTURE, Step.MODES, Step.CAPTURE):
         assert next_action(step, replace(s, identity=None, arm=None)).action == "step_1"
+    assert next_action(Step.MODES, replace(s, ticked=frozenset())).label == "Back to Fixture"
 
 
 def test_an_open_arm_drives_all_joints():
     s = story()["ticked"]
     every = tuple(range(1, s.procedure.arm.joint_count + 1))
     opened = replace(s, procedure=load_procedure("open_loop"), selected_joints=every, mobility=7)
+    opened = replace(opened, ticked=frozenset(range(len(opened.procedure.fixture.checklist))))
     assert next_action(Step.MODES, opened).hint == (
         "Enter applies the modes: J1, J2, J3, J4, J5, J6 and J7 drive (it asks first)"
     )
@@ -116,10 +112,13 @@ def test_an_open_arm_drives_all_joints():
 
 
 def test_hint_names_the_fault_and_the_number_of_drives():
-    hint = next_action(Step.CONNECT, heartbeat_lost(story()["modes"])).hint
+    s = story()["modes"]
+    hint = next_action(Step.CONNECT, heartbeat_lost(s)).hint
     assert hint.startswith("7 drives are in fault (8130h: ")
-    hint = next_action(Step.CONNECT, tripped(story()["modes"])).hint
-    assert hint.startswith("the drive of J4 is in fault:")
+    assert next_action(Step.CONNECT, tripped(s)).hint.startswith("the drive of J4 is in fault:")
+    dropped = Fault(node=3, joint=3, code=0, text="the drive is off", sync_count=0)
+    off = replace(s, arm=replace(s.arm, faults=(dropped,)))
+    assert next_action(Step.MODES, off).action == "reset"
 
 
 def test_a_missing_drift_check_is_named_and_can_be_made():

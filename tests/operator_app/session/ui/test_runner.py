@@ -289,8 +289,7 @@ def test_resuming_marks_the_drive_joints_of_the_session(make_session):
     assert session.procedure.position_joints == (1, 5)
     session.set_modes((1, 4))
     session.close("done")
-    resumed = make_session(short_procedure(3), resume=True)
-    runner = Runner(resumed)
+    runner = Runner(make_session(short_procedure(3), resume=True))
     assert runner.snapshot().selected_joints == (1, 4)
     runner.close("end of the test")
 

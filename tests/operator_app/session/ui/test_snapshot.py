@@ -72,15 +72,15 @@ def test_a_repeated_message_becomes_the_newest_and_is_shown_again():
     ids=lambda value: type(value).__name__ if isinstance(value, Exception) else str(value),
 )
 def test_a_persisting_refusal_asks_to_reconnect(error, asks):
-    s = say(story()["start"], Level.ALARM, "told", *resolving_tasks(error, TaskKind.CAPTURE))
-    assert s.needs_reconnect is asks
+    for kind in (TaskKind.RESET, TaskKind.CAPTURE):
+        s = say(story()["start"], Level.ALARM, "told", *resolving_tasks(error, kind))
+        assert s.needs_reconnect is asks
     assert texts(s.without_resolved(TaskKind.CAPTURE)) == []
 
 
 def test_only_the_awaited_task_resolves_an_alarm():
     s = say(story()["start"], Level.ALARM, "hot", TaskKind.RESET, TaskKind.CONNECT)
-    s = say(s, Level.ALARM, "full", TaskKind.EXPORT)
-    s = say(s, Level.ALARM, "unread")
+    s = say(say(s, Level.ALARM, "full", TaskKind.EXPORT), Level.ALARM, "unread")
     assert texts(s.without_resolved(TaskKind.CAPTURE)) == ["hot", "full", "unread"]
     assert texts(s.without_resolved(TaskKind.RESET)) == ["full", "unread"]
     assert texts(s.without_resolved(TaskKind.EXPORT)) == ["hot", "unread"]

@@ -43,7 +43,10 @@ def with_registered_instrument(
     stated = fixture.tolerance
     if stated.position_m <= FAR_FROM_NOMINAL_M and stated.orientation_rad <= FAR_FROM_NOMINAL_RAD:
         return fixture
-    return _refined(arm, placed_by_poses(arm, fixture, poses, {}), poses)
+    # Between placements the instrument was moved: only poses of a single one fit one base.
+    numbers, counts = np.unique(poses.placement, return_counts=True)
+    station = poses.at_poses(poses.placement == numbers[np.argmax(counts)])
+    return _refined(arm, placed_by_poses(arm, fixture, station, {}), station)
 
 
 def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstraint:

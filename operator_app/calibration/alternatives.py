@@ -150,7 +150,9 @@ def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
         return ()
     finding, alternative = _corrected(stated, mistake)
     ratio, _ = solved(_refitted(alternative, alternative.poses), anywhere=True)
-    return _named([(finding, 0.0)]) if limits.ALTERNATIVE_CHI2_RATIO * ratio < scale else ()
+    # Readings out of range as degrees are wrong in any case: a better fit suffices.
+    times = limits.ALTERNATIVE_CHI2_RATIO if mostly_in_range(stated.arm, q_rad) else 1.0
+    return _named([(finding, 0.0)]) if times * ratio < scale else ()
 
 
 def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:

@@ -68,8 +68,7 @@ def test_endpoints_in_other_rows_are_named(tmp_path, rows, where):
     poses = load_poses(write_measured_poses(tmp_path / "open.csv")).poses
     shifted = replace(poses, endpoint=np.roll(poses.endpoint, -rows, axis=0))
     kept = np.arange(len(poses))[:-1] if rows > 0 else np.arange(len(poses))[1:]
-    tracker = load_fixture("tracker").fixture
-    solution = calibrate(ARM, tracker, shifted.at_poses(kept), drop=True)
+    solution = calibrate(ARM, load_fixture("tracker").fixture, shifted.at_poses(kept), drop=True)
     assert solution.causes[0].kind is FindingKind.ENDPOINTS_SHIFTED
     assert where in solution.causes[0].text
 
@@ -81,8 +80,14 @@ def test_gross_outliers_are_named(tmp_path, rows):
     if len(rows) == 1:
         endpoint[rows] += [0.1, -0.1, 0.14]
     endpoint[list(rows)] = endpoint[list(rows)[::-1]]
-    tracker = load_fixture("tracker").fixture
+    tracker, named = load_fixture("tracker").fixture, {poses.label[k] for k in rows}
     solution = calibrate(ARM, tracker, replace(poses, endpoint=endpoint), drop=True)
-    named = {poses.label[k] for k in rows}
     assert solution.causes[0].kind is FindingKind.OUTLIERS
     assert {*solution.causes[0].poses} == {*solution.outliers} == named
+
+
+def test_sign_is_named_beside_the_zero_that_explains_the_same_points(tmp_path):
+    poses = load_poses(write_measured_poses(tmp_path / "open.csv")).poses
+    reversed_sign = replace(poses, q_rad=poses.q_rad * [-1, 1, 1, 1, 1, 1, 1])
+    solution = calibrate(ARM, load_fixture("tracker").fixture, reversed_sign, drop=True)
+    assert {"SIGN_JOINT_1", "ZERO_JOINT_2"} <= {c.code for c in solution.causes if c.blocking}

@@ -12,12 +12,7 @@ from operator_app.calibration.calibrated_arm import calibrated_arm
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.new_poses import NoTestError, require_new
 from operator_app.calibration.prediction import FIXTURE, concatenated_poses
-from operator_app.calibration.verification import (
-    Fixed,
-    predict,
-    verify_new_poses,
-    verify_poses,
-)
+from operator_app.calibration.verification import Fixed, predict, verify_new_poses, verify_poses
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
 from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, SEED, displaced, panda_poses, poses_of

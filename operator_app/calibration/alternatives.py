@@ -150,7 +150,9 @@ def poses_in_radians(stated: Experiment, scale: float) -> tuple[Finding, ...]:
         return ()
     finding, alternative = _corrected(stated, mistake)
     ratio, _ = solved(_refitted(alternative, alternative.poses), anywhere=True)
-    return _named([(finding, 0.0)]) if limits.ALTERNATIVE_CHI2_RATIO * ratio < scale else ()
+    # Readings out of range as degrees are wrong in any case: a better fit suffices.
+    times = limits.ALTERNATIVE_CHI2_RATIO if mostly_in_range(stated.arm, q_rad) else 1.0
+    return _named([(finding, 0.0)]) if times * ratio < scale else ()
 
 
 def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
@@ -329,7 +331,8 @@ def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:
 def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
     """Return the finding of a joint whose zero is a quarter or half turn off; empty if there is no such joint.
 
-    The joint's offset in `estimate` is roughly this turn from nominal, and the poses fit once the turn is corrected.
+    The joint's offset in `estimate` is roughly this turn from nominal, and the poses fit once the turn, or the sign of
+    a neighbouring joint, is corrected.
     """
     names, nominal = [p.name for p in estimate.parameters], nominal_vector(estimate.parameters)
     changes = dict(
@@ -339,9 +342,17 @@ def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
         change = changes.get(f"theta_off_{joint}", 0.0)
         turn = 0.5 * np.pi * round(change / (0.5 * np.pi))
         if turn and abs(change - turn) < LARGEST_OFFSET_RAD:
-            finding, alternative = _turned(stated, joint, turn)
-            if solved(alternative)[0] < limits.CHI2_PER_DOF_ALTERNATIVE:
-                return (replace(finding, blocking=True),)
+            # With a target anywhere on the tool, a neighbour's sign may explain the same readings.
+            signs = {f"SIGN_JOINT_{joint - 1}", f"SIGN_JOINT_{joint + 1}"}
+            by_sign = (x for x in _same_loop(stated) if not signs.isdisjoint(x[0].names))
+            fits = [
+                (finding, 0.0)
+                for finding, alternative in (*by_sign, _turned(stated, joint, turn))
+                if solved(_refitted(alternative, alternative.poses))[0]
+                < limits.CHI2_PER_DOF_ALTERNATIVE
+            ]
+            if fits:
+                return _named(fits)
     return ()
 
 

@@ -44,8 +44,9 @@ def with_registered_instrument(
     if stated.position_m <= FAR_FROM_NOMINAL_M and stated.orientation_rad <= FAR_FROM_NOMINAL_RAD:
         return fixture
     # An instrument that was moved has a base of its own in each placement: that with the most poses is used.
-    poses = poses.at_poses(poses.placement == np.bincount(poses.placement).argmax())
-    return _refined(arm, placed_by_poses(arm, fixture, poses, {}), poses)
+    numbers, counts = np.unique(poses.placement, return_counts=True)
+    station = poses.at_poses(poses.placement == numbers[np.argmax(counts)])
+    return _refined(arm, placed_by_poses(arm, fixture, station, {}), station)
 
 
 def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstraint:

@@ -331,8 +331,8 @@ def _with_table(arm: ArmModel, **columns: FloatArray) -> ArmModel:
 def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
     """Return the finding of a joint whose zero is a quarter or half turn off; empty if there is no such joint.
 
-    The joint's offset in `estimate` is roughly this turn from nominal, and the poses fit once the turn, or the sign of
-    a neighbouring joint, is corrected.
+    The joint's offset in `estimate` is roughly this turn from nominal, and the poses fit once the turn is corrected. If
+    they also fit with the sign of a neighbouring joint corrected, this is a second finding.
     """
     names, nominal = [p.name for p in estimate.parameters], nominal_vector(estimate.parameters)
     changes = dict(
@@ -341,19 +341,19 @@ def turned_zero(stated: Experiment, estimate: Estimate) -> tuple[Finding, ...]:
     for joint in range(1, stated.arm.joint_count + 1):
         change = changes.get(f"theta_off_{joint}", 0.0)
         turn = 0.5 * np.pi * round(change / (0.5 * np.pi))
-        if turn and abs(change - turn) < LARGEST_OFFSET_RAD:
+        if not turn or abs(change - turn) >= LARGEST_OFFSET_RAD:
+            continue
+        if _closes(turned := _turned(stated, joint, turn)):
             # With a target anywhere on the tool, a neighbour's sign may explain the same readings.
             signs = {f"SIGN_JOINT_{joint - 1}", f"SIGN_JOINT_{joint + 1}"}
             by_sign = (x for x in _same_loop(stated) if not signs.isdisjoint(x[0].names))
-            fits = [
-                (finding, 0.0)
-                for finding, alternative in (*by_sign, _turned(stated, joint, turn))
-                if solved(_refitted(alternative, alternative.poses))[0]
-                < limits.CHI2_PER_DOF_ALTERNATIVE
-            ]
-            if fits:
-                return _named(fits)
+            return _named([(x[0], 0.0) for x in (*filter(_closes, by_sign), turned)])
     return ()
+
+
+def _closes(alternative: Alternative) -> bool:
+    changed = alternative[1]
+    return solved(_refitted(changed, changed.poses))[0] < limits.CHI2_PER_DOF_ALTERNATIVE
 
 
 def _turned(stated: Experiment, joint: int, turn_rad: float) -> Alternative:

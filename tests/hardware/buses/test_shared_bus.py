@@ -90,6 +90,7 @@ def test_frames_received_late_are_recorded_in_order(tmp_path, suffix):
     rng = random.Random(4)  # noqa: S311 - no secret
     stamps = [1.7e9 + 0.001 * k for k in range(3000)]
     order = sorted(range(len(stamps)), key=lambda k: stamps[k] + rng.uniform(0.0, 0.9 * REORDER_S))
+    assert order != sorted(order)
     recording = Recording(tmp_path / f"bus{suffix}")
     for number in order:
         (recording.note if number % 7 == 0 else recording.record)(frame(number, stamps[number]))
@@ -103,6 +104,7 @@ def test_frames_received_late_are_recorded_in_order(tmp_path, suffix):
 def test_clock_set_back_loses_and_delays_no_frame(tmp_path):
     stamps = [5000.0, 5000.1, 5000.1, 1000.0, 1000.2, 1000.1, 1000.3, 9000.0, 9000.1]
     assert record(tmp_path / "bus.log", stamps) == [0, 1, 2, 3, 5, 4, 6, 7, 8]
+    assert record(tmp_path / "equal.asc", [1.7e9] * 100) == list(range(100))
 
 
 def test_format_without_its_package_is_refused(tmp_path, monkeypatch):

@@ -54,8 +54,7 @@ def test_foreign_arm_is_described_by_a_draft_and_moves_with_it(settings, elsewhe
     arm.set_modes([FREE, POSITION, FREE, POSITION])
     assert [axis.mode for axis in elsewhere.axes] == [10, 8, 10, 8]
     assert arm.move({2: 0.5, 4: -0.25}, speed_rad_per_s=0.9).reached
-    reading = arm.capture(10)
-    assert reading.mean_rad == pytest.approx(
+    assert arm.capture(10).mean_rad == pytest.approx(
         [1000 / PER_RAD, 0.5, 3000 / PER_RAD, -0.25], abs=1 / PER_RAD
     )
     arm.set_modes([POSITION] * JOINTS)  # these drives set bit 12 in free mode as well

@@ -32,8 +32,7 @@ def test_exact_scenario_has_fine_encoders_without_noise():
     assert [j.sensor for j in joints] == [Encoder(counts_per_rev=400_000)] * 7
     assert [j.name for j in joints] == [j.name for j in SARCOS.joints]
     assert scenario("datasheet").arm(SARCOS) is SARCOS
-    plant = scenario("exact").build(SARCOS)
-    assert {s.noise_counts for s in plant.sensors} == {0.0}
+    assert {s.noise_counts for s in scenario("exact").build(SARCOS).sensors} == {0.0}
 
 
 def test_as_reported_scenario_has_errors_of_the_stated_size():

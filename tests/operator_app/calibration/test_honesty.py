@@ -119,8 +119,7 @@ def test_non_convergence_is_named_with_many_poses():
 def test_ten_thousand_sound_poses_keep_the_scale(seed):
     result = outcome(session(seed, poses=10_000))
     assert result.verdict in (Verdict.ACCEPTED.value, Verdict.WITH_WARNINGS.value), result.text
-    lengths = result.error[[7, 8, 10, 11, 12]]
-    assert np.abs(lengths).max() < 1.5e-3
+    assert np.abs(result.error[[7, 8, 10, 11, 12]]).max() < 1.5e-3
     assert np.abs(result.z).max() < 6.0
 
 

@@ -203,5 +203,4 @@ class TestHayati:
 
     def test_free_s_of_hayati_row_becomes_free_beta(self):
         text = PARALLEL.replace("ROW", "0").replace("free: [", "free: [s_2, beta_2, s_3, ")
-        arm = parse(text)
-        assert [e.name for e in arm.free[:3]] == ["beta_2", "s_3", "theta_off_1"]
+        assert [e.name for e in parse(text).free[:3]] == ["beta_2", "s_3", "theta_off_1"]

@@ -102,8 +102,7 @@ def test_every_app_key_and_fault_is_in_the_manual():
 
     page = manual().page("keys")
     assert not [a.name for a in ACTIONS if f"| {a.label} |" not in page]
-    page = manual().page("faults")
-    assert not [kind for kind in FAULTS if f"| `{kind}` |" not in page]
+    assert not [kind for kind in FAULTS if f"| `{kind}` |" not in manual().page("faults")]
 
 
 TOPICS = tuple(manual().topics)

@@ -112,8 +112,7 @@ def test_unsensed_wrist_readings_are_not_used():
     estimate = estimate_implicit(model, wrong_readings, noise, x0=truth)
     near = nearest_equivalent(model, estimate.x, truth)
     assert np.abs(wrap_angles(model.parameters, near - truth)).max() < 1e-8
-    at_readings = closure_at_readings(model, truth, wrong_readings)
-    assert np.abs(at_readings.residual).max() < 1e-9
+    assert np.abs(closure_at_readings(model, truth, wrong_readings).residual).max() < 1e-9
 
 
 def test_entries_are_fixed_in_one_placement_or_all():

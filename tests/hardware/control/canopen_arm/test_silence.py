@@ -119,7 +119,6 @@ def test_malformed_and_unknown_frames_are_ignored(driven, bus):
         (0x0B0, bytes(8)),
     ):
         bus.inject(identifier, data)
-    reading = driven.capture(5)
-    assert reading.mean_counts.tolist()[:6] == [1000.0 * j for j in range(1, 7)]
+    assert driven.capture(5).mean_counts.tolist()[:6] == [1000.0 * j for j in range(1, 7)]
     assert driven.snapshot().faults == ()
     assert driven.active_parameters() == b""

@@ -98,7 +98,8 @@ def test_a_task_is_shown_before_it_begins_and_while_it_runs(runner):
     runner.submit(TaskKind.CALIBRATE, "the first", work)
     assert work.begun.wait(PATIENCE_S)
     runner.submit(TaskKind.NOTE, "the second", lambda: None)
-    assert runner.snapshot().task.text == "the first"
+    task = runner.snapshot().task
+    assert (task.kind, task.text) == (TaskKind.CALIBRATE, "the first")
     work.go_on.set()
     finish(runner)
     assert runner.snapshot().task is None
@@ -142,7 +143,8 @@ def test_host_latency_is_reported_once(runner, arm):
     until(lambda: any("late" in text for text in texts(runner)))
     threading.Event().wait(3 * WATCH_PERIOD_S)
     (message,) = (m for m in runner.snapshot().messages if "late" in m.text)
-    assert (message.level, "late by 0.4 s" in message.text) == (Level.WARNING, True)
+    assert message.level is Level.WARNING
+    assert message.text.startswith("this computer was late by 0.4 s")
 
 
 def test_a_stop_pressed_during_a_reset_is_not_reported_as_reset(runner, arm):

@@ -139,8 +139,7 @@ def test_unreachable_waypoint_is_skipped_and_journalled(make_session):
     arm = with_range(procedure.arm, limit, procedure.arm.joints[6].upper_rad)
     session = make_session(replace(procedure, arm=arm))
     run(session, Listener())
-    skipped = event_data(session, "waypoint_skipped")
-    assert "joint 7" in skipped[0]["reason"]
+    assert "joint 7" in event_data(session, "waypoint_skipped")[0]["reason"]
     assert len(session.state.used_poses) == 4
     assert all(p.mean_rad[6] > limit for p in session.state.poses)
 

@@ -159,8 +159,7 @@ def test_replay_of_a_journal_repeats_the_decisions(complete_run, tmp_path, share
     run = PlannedRun(session_from(events[:k], complete_run.session.procedure, tmp_path / "s"))
     run.capture.ready()
     assert run.reports == []
-    campaign = run.capture.campaign
-    assert is_same_action(campaign.propose(), events[k].name, events[k].data)
+    assert is_same_action(run.capture.campaign.propose(), events[k].name, events[k].data)
 
 
 def test_complete_capture_is_not_repeated(complete_run, tmp_path):

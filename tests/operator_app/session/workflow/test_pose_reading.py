@@ -335,8 +335,7 @@ def test_lines_sent_without_pause_are_read_from_a_line_start():
     with flooded_tcp(data) as port:
         instrument = Instrument(port, full_pose=True)
         for k in range(5):
-            endpoint = instrument.measure(str(k))
-            assert endpoint.tolist() == pytest.approx(ENDPOINT)
+            assert instrument.measure(str(k)).tolist() == pytest.approx(ENDPOINT)
 
 
 def test_tracker_refuses_clients_beyond_its_limit(tracker):

@@ -220,7 +220,7 @@ def describe_failure(settings: BusSettings, error: Exception) -> str:
         )
     reason, remedy = str(error).rstrip("."), "Check the interface and the channel name."
     if isinstance(error, TypeError):  # raised for an option that is missing
-        remedy = "Options other than channel and bitrate are read from ~/can.conf and CAN_CONFIG."
+        remedy = "State options other than channel and bitrate in ~/can.conf or CAN_CONFIG."
     return f"The bus {settings} cannot be opened: {reason}. {remedy}"
 
 

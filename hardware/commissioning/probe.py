@@ -83,9 +83,12 @@ class Probe:
     @property
     def unanswering(self) -> tuple[str, ...]:
         """Problems of the nodes that were heard but answered no request."""
-        problem = "a heartbeat, but no SDO answer: stopped (NMT), or slower than sdo_timeout_s"
+        problem = (
+            "sends a heartbeat, but answers no SDO request: reset the node, which may be in NMT state "
+            "stopped, or raise sdo_timeout_s of the bus profile"
+        )
         nodes = sorted({*self.heard} - {found.node for found in self.nodes})
-        return tuple(f"node {node}: {problem}" for node in nodes)
+        return tuple(f"node {node} {problem}" for node in nodes)
 
 
 class _Listener:

@@ -118,7 +118,7 @@ def files_allow(
 
     Calibrated entries may differ from the files by the fixture's tolerance (offsets by `OFFSET_TOLERANCE_RAD`), other
     entries by five standard deviations. An instrument (open arm) allows any hinge and any mounting. The
-    file of a hinge requires `home_rad` within 2 `NEAR_HOME_RAD` of the arm file's home. Others never allow `truth`.
+    file of a hinge requires `home_rad` within 2 `NEAR_HOME_RAD` of the arm file's home. Other fixtures allow no truth.
     """
     model = fixture.model(arm)
     if model.joint_count != truth.loop.joint_count:

@@ -21,8 +21,7 @@ def words(error: BaseException) -> SessionError:
     """Return an error as a `SessionError`, which states for the operator what happened, and the remedy."""
     if isinstance(error, SessionError):
         return SessionError(_capital(error.happened), _capital(error.remedy))
-    held = "The arm holds. " if getattr(error, "drives_after", "") else ""  # not without drives
-    return SessionError(_capital(str(error).removesuffix(".")), _remedy(error).removeprefix(held))
+    return SessionError(_capital(str(error).removesuffix(".")), _remedy(error))
 
 
 REACHES_NOTHING = (
@@ -48,8 +47,12 @@ def _remedy(error: BaseException) -> str:
         )
     if isinstance(error, errors.SensorFault) and error.stuck:
         return "The other poses are kept"
-    if isinstance(error, errors.DriveFault) and error.code in _TRIPS:
-        return _TRIPS[error.code]
+    if isinstance(error, errors.DriveFault) and (
+        error.code in _TRIPS or type(error) is errors.DriveFault
+    ):
+        off = error.drives_after or error.code in STOP_CONTACTS
+        remedy = _TRIPS.get(error.code, REMEDIES[errors.DriveFault])
+        return remedy if off else f"The arm holds. {remedy}"
     matching = next((kind for kind in type(error).__mro__ if kind in REMEDIES), None)
     return "Nothing was changed" if matching is None else REMEDIES[matching]
 
@@ -80,7 +83,7 @@ REMEDIES: Mapping[type, str] = {
     "it. Then reset (R, or `sarcal reset`) and apply the modes again",
     errors.DriveDropout: "Find out who switched the drive off, and why; when it is safe, reset (R) and apply the "
     "modes again",
-    errors.DriveFault: "The arm holds. Find the cause of this fault, then reset (R) and apply the modes again",
+    errors.DriveFault: "Find the cause of this fault, then reset (R) and apply the modes again",
     errors.Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
     errors.CommandRefused: "Nothing was sent to the drives",
     errors.DriveNotReady: "Find out what keeps that drive in this state (its display or its maker's tool), then "
@@ -105,10 +108,9 @@ _TRIP_CAUSES: Mapping[int, str] = {
 """How to remove the cause of a trip, by the emergency code that names the cause."""
 
 _TRIPS: Mapping[int, str] = {
-    EmergencyCode.HEARTBEAT_LOST: "The arm holds. This computer or its bus was blocked: reset (R) and apply the "
-    "modes again",
+    EmergencyCode.HEARTBEAT_LOST: "This computer or its bus was blocked: reset (R) and apply the modes again",
     **{
-        code: f"{'' if code in STOP_CONTACTS else 'The arm holds. '}{remove}, then reset (R) and apply the modes again"
+        code: f"{remove}, then reset (R) and apply the modes again"
         for code, remove in _TRIP_CAUSES.items()
     },
 }
